@@ -1,0 +1,134 @@
+"""Newton's method on a small system, its implicit derivative, and the least residual. Knows no robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._numerics import Scalar, determinant, solve
+
+Unknowns = tuple[Scalar, ...]
+Residual = Callable[[Any, Any], Unknowns]  # (state, args) -> one scalar per unknown
+Retract = Callable[[Any, Unknowns], Any]
+
+
+def add(state: Unknowns, step: Unknowns) -> Unknowns:
+    """Step in a flat space."""
+    return tuple(x + d for x, d in zip(state, step, strict=True))
+
+
+def max_norm(values: Sequence[Scalar]) -> Scalar:
+    """Largest absolute value; ``nan`` if any is."""
+    norm = jnp.abs(values[0])
+    for value in values[1:]:
+        norm = jnp.maximum(norm, jnp.abs(value))
+    return norm
+
+
+def value_and_jacobian(function: Callable[[Unknowns], Unknowns], at: Unknowns):
+    """Values and rows of the Jacobian, one forward derivative per unknown."""
+    columns = []
+    values: Unknowns = ()
+    for j in range(len(at)):
+        basis = tuple(jnp.ones_like(x) if i == j else jnp.zeros_like(x) for i, x in enumerate(at))
+        values, column = jax.jvp(function, (at,), (basis,))
+        columns.append(column)
+    return values, list(zip(*columns, strict=True))
+
+
+def newton(
+    residual: Residual,
+    start: Any,
+    args: Any,
+    *,
+    tol: Scalar,
+    max_steps: Scalar,
+    active: Scalar = True,
+    retract: Retract = add,
+    unknowns: int | None = None,
+) -> tuple[Any, Scalar, Scalar]:
+    """Solve ``residual(state, args) = 0`` by Newton steps, halved while they do not reduce the residual.
+
+    Lanes stop when they converge, and lanes that are not ``active`` never start. Derivatives do not pass:
+    see ``implicit``.
+
+    Returns:
+      The state, the largest residual at it, and the number of steps.
+    """
+    start, args = lax.stop_gradient((start, args))
+    first = residual(start, args)
+    zero = tuple(jnp.zeros_like(r) for r in first)
+    if unknowns is not None and unknowns != len(first):
+        raise ValueError(f"Got {len(first)} equations for {unknowns} unknowns; Newton needs as many.")
+
+    def unfinished(carry):
+        _, norm, _, count = carry
+        return active & (norm > tol) & (count < max_steps)
+
+    def step(carry):
+        state, norm, damping, count = carry
+        values, rows = value_and_jacobian(lambda d: residual(retract(state, d), args), zero)
+        delta = tuple(-damping * d for d in solve(rows, values))
+        trial = retract(state, delta)
+        trial_norm = max_norm(residual(trial, args))
+        better = trial_norm < norm
+        state, norm = jax.tree.map(lambda new, old: jnp.where(better, new, old), (trial, trial_norm), (state, norm))
+        return state, norm, jnp.where(better, jnp.minimum(2 * damping, 1), damping / 2), count + 1
+
+    norm = max_norm(first)
+    carry = (start, norm, jnp.ones_like(norm), jnp.zeros_like(norm, dtype=jnp.int32))
+    state, norm, _, count = lax.while_loop(unfinished, step, carry)
+    return state, norm, count
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def implicit(residual: Residual, root: Unknowns, ok: Scalar, args: Any) -> Unknowns:
+    """Give a root of ``residual(root, args) = 0`` its derivative by the implicit function theorem.
+
+    The rule calls itself, so forward, reverse and higher derivatives all work. Where ``ok`` is false, and
+    where the Jacobian is exactly singular, the derivative is zero; the system is replaced *before* the
+    solve, so that no ``nan`` can leak into the neighbours of a failed lane.
+    """
+    return root
+
+
+@implicit.defjvp
+def _implicit_jvp(residual, primals, tangents):
+    root, ok, args = primals
+    root = implicit(residual, root, ok, args)
+    _, rows = value_and_jacobian(lambda x: residual(x, args), root)
+    _, moved = jax.jvp(lambda a: residual(root, a), (args,), (tangents[2],))
+    usable = ok & (determinant(rows) != 0)
+    rows = [[jnp.where(usable, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
+    return root, solve(rows, [jnp.where(usable, -m, 0) for m in moved])
+
+
+def least_squares(residual: Residual, start: Unknowns, args: Any, *, max_steps: int = 40) -> Unknowns:
+    """The unknowns of (locally) least squared residual, by Levenberg-Marquardt; derivatives do not pass."""
+    start, args = lax.stop_gradient((start, args))
+
+    def squares(values):
+        return sum(v * v for v in values)
+
+    def step(_, carry):
+        state, cost, damping = carry
+        values, rows = value_and_jacobian(lambda x: residual(x, args), state)
+        columns = list(zip(*rows, strict=True))
+        gradient = [sum(c * v for c, v in zip(column, values, strict=True)) for column in columns]
+        normal = [[sum(p * q for p, q in zip(a, b, strict=True)) for b in columns] for a in columns]
+        size = sum(normal[i][i] for i in range(len(state)))
+        normal = [[e + (damping * size if i == j else 0) for j, e in enumerate(row)] for i, row in enumerate(normal)]
+        trial = tuple(x - d for x, d in zip(state, solve(normal, gradient), strict=True))
+        trial_cost = squares(residual(trial, args))
+        better = trial_cost < cost
+        state, cost = jax.tree.map(lambda new, old: jnp.where(better, new, old), (trial, trial_cost), (state, cost))
+        return state, cost, jnp.where(better, damping / 8, damping * 4)
+
+    cost = squares(residual(start, args))
+    damping = jnp.full_like(cost, 1e-2)
+    return lax.fori_loop(0, max_steps, step, (start, cost, damping))[0]

@@ -1,0 +1,112 @@
+"""Numerical building blocks: tolerances, guarded functions, small linear systems, the fence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._vectors import Vec
+
+Scalar = Any  # a zero-dimensional array, a tracer or a Python number
+
+
+def default_tol(dtype: Any) -> float:
+    """Largest closure residual, dimensionless, that counts as zero in a dtype."""
+    return 256 * float(jnp.finfo(dtype).eps)
+
+
+def tiny(value: Scalar) -> float:
+    """A positive number whose square is negligible beside one and whose cube does not vanish."""
+    return float(jnp.finfo(jnp.result_type(value)).eps) ** 2
+
+
+def safe_sqrt(x: Scalar) -> Scalar:
+    """Square root that is zero, with zero derivative, where ``x <= 0``.
+
+    The argument is replaced before the root is taken: a ``where`` after it would still send
+    ``0 * inf = nan`` through the derivative.
+    """
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
+
+
+def safe_divide(numerator: Scalar, denominator: Scalar) -> Scalar:
+    """Quotient that is zero, with zero derivative, where the denominator is zero."""
+    nonzero = denominator != 0
+    return jnp.where(nonzero, numerator / jnp.where(nonzero, denominator, 1), 0)
+
+
+def smallest(values: Sequence[Scalar]) -> Scalar:
+    """Minimum of scalars by selection, so that an infinite entry never meets a zero derivative."""
+    least = values[0]
+    for value in values[1:]:
+        least = jnp.where(value < least, value, least)
+    return least
+
+
+def limit_margins(value: Scalar, low: Scalar, high: Scalar, scale: Scalar) -> tuple[Scalar, Scalar]:
+    """Distances of a value from its two limits, in units of ``scale``; an infinite limit is infinitely far."""
+
+    def distance(sign, limit):
+        finite = jnp.isfinite(limit)
+        return jnp.where(finite, sign * (value - jnp.where(finite, limit, 0)) / scale, jnp.inf)
+
+    return distance(1, low), distance(-1, high)
+
+
+def determinant(rows: Sequence[Sequence[Scalar]]) -> Scalar:
+    """Determinant of a small matrix given by rows of scalars."""
+    if len(rows) == 1:
+        return rows[0][0]
+    if len(rows) == 2:
+        (a, b), (c, d) = rows
+        return a * d - b * c
+    if len(rows) == 3:
+        a, b, c = (Vec(*row) for row in rows)
+        return a.dot(b.cross(c))
+    return jnp.linalg.det(_matrix(rows))
+
+
+def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:
+    """Solve a small linear system: in closed form up to 3 x 3, by LU above.
+
+    A singular matrix gives ``inf`` or ``nan``; callers mask it beforehand where that can happen.
+    """
+    if len(rows) == 1:
+        return (rhs[0] / rows[0][0],)
+    if len(rows) == 2:
+        (a, b), (c, d) = rows
+        scale = 1 / (a * d - b * c)
+        return (d * rhs[0] - b * rhs[1]) * scale, (a * rhs[1] - c * rhs[0]) * scale
+    if len(rows) == 3:
+        a, b, c = (Vec(*row) for row in rows)
+        bc, ca, ab = b.cross(c), c.cross(a), a.cross(b)
+        scale = 1 / a.dot(bc)
+        return ((bc * rhs[0] + ca * rhs[1] + ab * rhs[2]) * scale).components
+    solution = jnp.linalg.solve(_matrix(rows), jnp.stack(jnp.broadcast_arrays(*rhs)))
+    return tuple(solution[i] for i in range(len(rows)))
+
+
+def _matrix(rows: Sequence[Sequence[Scalar]]) -> jax.Array:
+    return jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in rows])
+
+
+@jax.custom_jvp
+def fence(tree: Any) -> Any:
+    """Identity that the compiler must evaluate once.
+
+    XLA fuses, and every fused output recomputes its producers: the attachments of one pose would cost
+    dozens of sines instead of six. A loop that never runs, but that XLA cannot prove dead, forces its
+    inputs to be stored. (``lax.optimization_barrier`` is dropped before fusion.)
+    """
+    leaves = jax.tree.leaves(tree)
+    return lax.while_loop(lambda t: jax.tree.leaves(t)[0].ravel()[0] > jnp.inf, lambda t: t, tree) if leaves else tree
+
+
+@fence.defjvp
+def _fence_jvp(primals, tangents):
+    return fence(*primals), tangents[0]

@@ -1,0 +1,90 @@
+"""Dataclasses that are JAX pytrees, validated when built by hand and never when rebuilt by JAX."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, TypeVar, dataclass_transform
+
+import jax
+import jax.numpy as jnp
+
+T = TypeVar("T")
+
+
+def static(**kwargs: Any) -> Any:
+    """Declare a dataclass field that is part of the pytree's structure, not one of its leaves."""
+    return dataclasses.field(metadata={"static": True}, **kwargs)
+
+
+def quantity(unit: str, **kwargs: Any) -> Any:
+    """Declare an array field with its unit, which the printed table of a robot shows."""
+    return dataclasses.field(metadata={"unit": unit}, **kwargs)
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(static, quantity))
+def pytree(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass whose fields are pytree children.
+
+    JAX rebuilds pytrees with tracers, gradients (which may be negative) and placeholders inside, so
+    rebuilding skips ``__init__`` and with it every check of the values.
+
+    Example:
+      >>> @pytree
+      ... class Link:
+      ...     length: jax.Array
+      >>> jax.tree.leaves(Link(jnp.float32(2.0)))
+      [Array(2., dtype=float32)]
+    """
+    plain = cls.__repr__ is object.__repr__
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=plain)(cls)
+    fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+    children = tuple(f.name for f in fields if not f.metadata.get("static"))
+    constants = tuple(f.name for f in fields if f.metadata.get("static"))
+
+    def flatten(self):
+        return [getattr(self, n) for n in children], tuple(getattr(self, n) for n in constants)
+
+    def flatten_with_keys(self):
+        values, aux = flatten(self)
+        return [(jax.tree_util.GetAttrKey(n), v) for n, v in zip(children, values, strict=True)], aux
+
+    def unflatten(aux, values):
+        return unchecked(cls, **dict(zip(children, values, strict=True)), **dict(zip(constants, aux, strict=True)))
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    return cls
+
+
+def unchecked(cls: type[T], **values: Any) -> T:
+    """Build a dataclass without its ``__init__``, from values that are right by construction."""
+    self = object.__new__(cls)
+    for name, value in values.items():
+        object.__setattr__(self, name, value)
+    return self
+
+
+def is_concrete(tree: Any) -> bool:
+    """Whether every leaf holds numbers that can be looked at, as opposed to tracers or placeholders."""
+    return all(
+        isinstance(leaf, jax.Array) and not isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree)
+    )
+
+
+def float_dtype(*values: Any) -> Any:
+    """The widest floating dtype among arrays; integers and Python numbers follow, alone they give the default."""
+    arrays = [leaf for leaf in jax.tree.leaves(values) if hasattr(leaf, "dtype")]
+    dtypes = [jnp.result_type(leaf) for leaf in arrays if not getattr(leaf, "weak_type", False)]
+    floats = [dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.floating)]
+    return max(floats, key=lambda dtype: dtype.itemsize) if floats else jnp.result_type(float)
+
+
+def as_floats(*trees: Any) -> tuple[Any, ...]:
+    """Convert every leaf of the trees to one common floating dtype."""
+    dtype = float_dtype(*trees)
+    return tuple(jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree) for tree in trees)
+
+
+def as_arrays(*values: Any) -> tuple[jax.Array, ...]:
+    """Convert numbers, arrays and rows of them to arrays of one common floating dtype."""
+    dtype = float_dtype(*values)
+    return tuple(jnp.asarray(value, dtype) for value in values)

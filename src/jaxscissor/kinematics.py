@@ -1,0 +1,341 @@
+"""Inverse kinematics, one small Newton solve per leg; forward kinematics, Newton on the pose."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._newton import implicit, max_norm, newton, value_and_jacobian
+from jaxscissor._numerics import Scalar, default_tol, determinant
+from jaxscissor._pytree import as_floats
+from jaxscissor._solution import Solution, Status
+from jaxscissor._vectors import Rotation, Vec
+from jaxscissor.mechanisms._contract import (
+    Joints,
+    Mechanism,
+    actuation,
+    checked_joints,
+    checked_pose,
+    closure,
+    join_joints,
+    leg_residual,
+    legs_of,
+    split_joints,
+)
+
+MAX_STEPS = 30
+
+
+def residual(robot: Mechanism, joints: Any, pose: Any) -> jax.Array:
+    """Closure residual of all legs, and of the constraints on the pose after them; dimensionless.
+
+    Args:
+      robot: the robot.
+      joints: ``(n,)`` all joint coordinates.
+      pose: ``(d,)`` pose in the base frame.
+
+    Returns:
+      ``(n + constraints,)``, zero where the robot assembles.
+
+    Raises:
+      ValueError: wrong shapes.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> pose, joints = robot.home()
+      >>> bool(abs(js.residual(robot, joints, pose)).max() < 1e-6)
+      True
+    """
+    robot, pose = checked_pose(robot, pose)
+    joints = checked_joints(robot, joints)
+    robot, pose, joints = as_floats(robot, pose, joints)
+    return jnp.stack(closure(robot, split_joints(robot, joints), *robot.space.place(pose)))
+
+
+class LegResult(NamedTuple):
+    """One leg solved for one attachment."""
+
+    root: Joints  # with its implicit derivative; worthless where not solved
+    start: Joints  # the first guess, which beyond the home mode's edge has the least residual
+    solved: Scalar  # whether the root is in the wanted mode
+    converged: Scalar  # whether it is a root at all
+    reach: Scalar | None
+    norm: Scalar
+    steps: Scalar
+
+    @property
+    def value(self) -> Joints:
+        """The root, or where there is none the closest joints, with zero derivative."""
+        fixed = lax.stop_gradient(self.start)
+        return tuple(jnp.where(self.converged, r, s) for r, s in zip(self.root, fixed, strict=True))
+
+
+def solve_leg(
+    leg: Any, attachment: Any, *, guess: Joints | None, home_mode: Scalar, tol: Scalar, max_steps: Scalar
+) -> LegResult:
+    """Solve one leg in its home mode, or in the guess's mode if a guess is given."""
+    args = (leg, attachment)
+    reach = leg.reach(attachment) if guess is None else None
+    start = leg.start(attachment) if guess is None else guess
+    active = jnp.asarray(True) if reach is None else lax.stop_gradient(reach) >= 0
+    root, norm, steps = newton(leg_residual, start, args, tol=tol, max_steps=max_steps, active=active)
+    converged = active & (norm <= tol)
+    root = implicit(leg_residual, root, converged, args)
+    if reach is None:
+        wanted = home_mode if guess is None else leg.mode(guess, attachment)
+        solved = converged & (leg.mode(lax.stop_gradient(root), attachment) == wanted)
+    else:
+        solved = converged
+    return LegResult(root, start, solved, converged, reach, norm, steps)
+
+
+def leg_status(leg: Any, attachment: Any, result: LegResult) -> Scalar:
+    """Status of one leg; where the home mode fails, all solutions decide between the failures."""
+    solutions = leg.solutions(lax.stop_gradient(attachment))
+    if solutions is None:
+        failure = jnp.where(result.converged, Status.OTHER_MODE, Status.MAX_STEPS)
+    else:
+        exists = result.converged
+        for valid in solutions[1]:
+            exists = exists | valid
+        failure = jnp.where(exists, Status.OTHER_MODE, Status.NO_SOLUTION)
+        if result.reach is None:  # a guess was given and Newton did not get there: nothing is proved by that
+            failure = jnp.where(exists & ~result.converged, Status.MAX_STEPS, failure)
+        else:
+            failure = jnp.where(result.reach >= 0, Status.MAX_STEPS, failure)
+    return jnp.where(result.solved, Status.CONVERGED, failure).astype(jnp.int32)
+
+
+class Placed(NamedTuple):
+    """A pose put into the robot: nan and infinity replaced by home, so that nothing spreads."""
+
+    finite: Scalar
+    pose: jax.Array
+    position: Vec
+    rotation: Rotation
+    legs: list[Any]
+    attachments: list[Any]
+    home_modes: list[Scalar]
+
+
+def place(robot: Mechanism, pose: jax.Array) -> Placed:
+    """Evaluate what the legs see of the platform, and the modes in which they stand at home."""
+    home_pose, home_joints = robot.home()
+    scale = lax.stop_gradient(robot.length)
+    finite = jnp.isfinite(jnp.sum((pose / scale) ** 2))
+    pose = jnp.where(finite, pose, lax.stop_gradient(home_pose))
+    position, rotation = robot.space.place(pose)
+    legs = legs_of(robot)
+    home = lax.stop_gradient(robot.attachments(*robot.space.place(home_pose)))
+    modes = [leg.mode(q, a) for leg, q, a in zip(legs, split_joints(robot, home_joints), home, strict=True)]
+    return Placed(finite, pose, position, rotation, legs, list(robot.attachments(position, rotation)), modes)
+
+
+def solve_legs(robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any) -> list[LegResult]:
+    """Solve every leg of a placed robot."""
+    guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
+    cases = zip(placed.legs, placed.attachments, placed.home_modes, guesses, strict=True)
+    return [
+        solve_leg(leg, attachment, guess=g, home_mode=mode, tol=tol, max_steps=max_steps)
+        for leg, attachment, mode, g in cases
+    ]
+
+
+def inverse_kinematics(
+    robot: Mechanism, pose: Any, *, guess: Any = None, tol: Any = None, max_steps: Any = MAX_STEPS
+) -> Solution:
+    """Joint coordinates that place the platform at a pose.
+
+    Each leg's closure equations are solved by Newton's method in its home working mode, from a start in
+    closed form; the derivatives are those of the implicit function theorem. Unbatched and pure: map it
+    with ``jax.vmap``.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame, lengths in the robot's unit, angles in radians.
+      guess: ``(n,)`` joints to start from; they choose the working mode instead of home's.
+      tol: largest closure residual, dimensionless, that counts as zero. Default: by the dtype.
+      max_steps: Newton steps before giving up.
+
+    Returns:
+      ``Solution`` whose ``value`` is all joints ``(n,)``. The status tells apart: ``CONVERGED`` in the
+      home mode (or the guess's), ``OTHER_MODE`` if the robot assembles only in another, ``NO_SOLUTION``
+      if that is proved, ``MAX_STEPS``, ``NONFINITE``. Limits of stroke are not judged here: see
+      ``feasibility``. Derivatives are zero where the status is not ``CONVERGED``.
+
+    Raises:
+      ValueError: ``pose`` or ``guess`` has the wrong shape.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> js.inverse_kinematics(robot, [0.1, 0.0, 1.0, 0.0, 0.2, 0.0]).value.round(3)
+      Array([0.46 , 0.39 , 0.378, 0.425, 0.438, 0.386], dtype=float32)
+    """
+    robot, pose = checked_pose(robot, pose)
+    if guess is not None:
+        guess = checked_joints(robot, guess)
+        robot, pose, guess = as_floats(robot, pose, guess)
+    tol = default_tol(pose.dtype) if tol is None else tol
+    return _inverse_kinematics(robot, pose, guess, tol, max_steps)
+
+
+@jax.jit
+def _inverse_kinematics(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
+    placed = place(robot, pose)
+    results = solve_legs(robot, placed, guess, tol, max_steps)
+    statuses = [leg_status(*case) for case in zip(placed.legs, placed.attachments, results, strict=True)]
+    constraints = robot.constraints(placed.position, placed.rotation)
+    return _inverse_solution(placed, results, statuses, constraints, tol)
+
+
+def _inverse_solution(placed, results, statuses, constraints, tol) -> Solution:
+    status, steps = statuses[0], results[0].steps
+    for s, r in zip(statuses[1:], results[1:], strict=True):
+        status, steps = jnp.maximum(status, s), jnp.maximum(steps, r.steps)
+    norms = [r.norm for r in results]
+    if constraints:
+        off = max_norm(lax.stop_gradient(tuple(constraints)))
+        status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
+        norms.append(off)
+    status = jnp.where(placed.finite, status, Status.NONFINITE)
+    value = join_joints([r.value for r in results])
+    ok = status == Status.CONVERGED
+    value = jnp.where(ok, value, lax.stop_gradient(value))
+    return Solution(
+        value=jnp.where(placed.finite, value, jnp.nan),
+        status=status.astype(jnp.int32),
+        residual_norm=jnp.where(placed.finite, max_norm(norms), jnp.nan),
+        num_steps=steps,
+    )
+
+
+def forward_kinematics(
+    robot: Mechanism, joints: Any, *, guess: Any = None, tol: Any = None, max_steps: Any = 50
+) -> Solution:
+    """Pose that the actuated joints give the platform.
+
+    Newton's method on the pose and the passive joints together, stepping on the rotation group.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      joints: ``(m,)`` the actuated joints.
+      guess: ``(d,)`` pose to start from, which chooses the assembly mode. Default: home.
+      tol: largest closure residual, dimensionless, that counts as zero. Default: by the dtype.
+      max_steps: Newton steps before giving up.
+
+    Returns:
+      ``Solution`` whose ``value`` is the pose ``(d,)``, pitch within [-90, 90] deg. ``CONVERGED`` in the
+      assembly mode of the guess (the sign of its closure determinant), ``OTHER_MODE`` in one beyond a
+      singularity, ``NO_SOLUTION`` where a leg cannot take its joints at all, ``MAX_STEPS`` (which proves
+      nothing), ``NONFINITE``. Derivatives are zero where the status is not ``CONVERGED``.
+
+    Raises:
+      ValueError: ``joints`` or ``guess`` has the wrong shape.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> pose, joints = robot.home()
+      >>> bool(abs(js.forward_kinematics(robot, joints + 0.01).value - pose)[2] > 0.01)
+      True
+    """
+    joints = checked_joints(robot, joints, actuated_only=True)
+    robot, joints = as_floats(robot, joints)
+    if guess is not None:
+        robot, guess = checked_pose(robot, guess)
+        robot, joints, guess = as_floats(robot, joints, guess)
+    tol = default_tol(joints.dtype) if tol is None else tol
+    return _forward_kinematics(robot, joints, guess, tol, max_steps)
+
+
+@jax.jit
+def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
+    finite = jnp.all(jnp.isfinite(joints)) & (True if guess is None else jnp.all(jnp.isfinite(guess)))
+    start_pose, start_joints = _assembled_guess(robot, guess, finite, tol)
+    mask = actuation(robot)
+    home_actuated = jnp.stack([q for q, a in zip(start_joints, mask, strict=True) if a])
+    joints = jnp.where(finite, joints, home_actuated)
+    passive = tuple(q for q, a in zip(start_joints, mask, strict=True) if not a)
+    start = (*robot.space.place(start_pose), passive)
+
+    state, norm, steps = newton(
+        _state_residual, start, (robot, joints), tol=tol, max_steps=max_steps, retract=_retraction(robot)
+    )
+    converged = norm <= tol
+    same = _assembly_sign(robot, state, joints) == _assembly_sign(robot, start, home_actuated)
+    fits = [leg.closes(q) for leg, q in zip(legs_of(robot), _leg_joints(robot, joints, state[2]), strict=True)]
+    status = jnp.where(converged, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
+    for fit in fits:
+        status = jnp.where(converged | fit, status, Status.NO_SOLUTION)
+    status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)
+
+    coordinates = (*robot.space.coordinates(state[0], state[1]), *state[2])
+    root = implicit(_pose_residual, coordinates, status == Status.CONVERGED, (robot, joints))
+    pose = jnp.stack(root[: robot.space.dimension])
+    return Solution(
+        value=jnp.where(finite, pose, jnp.nan),
+        status=status,
+        residual_norm=jnp.where(finite, norm, jnp.nan),
+        num_steps=steps,
+    )
+
+
+def _assembled_guess(robot: Mechanism, guess: Any, finite: Scalar, tol: Scalar) -> tuple[jax.Array, jax.Array]:
+    """Pose of the guess and the joints that the home working mode has there, or the closest to it."""
+    pose, joints = robot.home()
+    if guess is not None:
+        pose = jnp.where(finite, guess, pose)
+        placed = place(robot, pose)
+        joints = join_joints([r.value for r in solve_legs(robot, placed, None, tol, MAX_STEPS)])
+    return lax.stop_gradient((pose, joints))
+
+
+def _leg_joints(robot: Mechanism, actuated: jax.Array, passive: Joints) -> list[Joints]:
+    """All joints leg by leg, from the actuated and the passive ones."""
+    taken, free = iter(actuated), iter(passive)
+    flat = [next(taken) if a else next(free) for a in actuation(robot)]
+    size = len(robot.legs().actuated)
+    return [tuple(flat[i : i + size]) for i in range(0, len(flat), size)]
+
+
+def _state_residual(state, args) -> Joints:
+    """Closure equations of a state (position, rotation, passive joints) at given (robot, actuated joints)."""
+    position, rotation, passive = state
+    robot, actuated = args
+    return closure(robot, _leg_joints(robot, actuated, passive), position, rotation)
+
+
+def _pose_residual(unknowns: Joints, args) -> Joints:
+    """The same with the pose as coordinates."""
+    robot, _ = args
+    size = robot.space.dimension
+    return _state_residual((*robot.space.place(jnp.stack(unknowns[:size])), unknowns[size:]), args)
+
+
+def _retraction(robot: Mechanism):
+    """Step of the state: lengths in units of the robot's length, angles on the group."""
+    size, linear = robot.space.dimension, robot.space.translations
+    scale = lax.stop_gradient(robot.length)
+
+    def retract(state, step):
+        position, rotation, passive = state
+        twist = [scale * d if i < linear else d for i, d in enumerate(step[:size])]
+        moved = robot.space.retract(position, rotation, twist)
+        return (*moved, tuple(q + d for q, d in zip(passive, step[size:], strict=True)))
+
+    return retract
+
+
+def _assembly_sign(robot: Mechanism, state, actuated) -> Scalar:
+    """Sign of det d residual / d (twist, passive joints), which names the assembly mode between singularities."""
+    state, args = lax.stop_gradient((state, (robot, actuated)))
+    retract = _retraction(robot)
+    count = len(_state_residual(state, args))
+    zero = tuple(jnp.zeros_like(actuated[0]) for _ in range(count))
+    _, rows = value_and_jacobian(lambda d: _state_residual(retract(state, d), args), zero)
+    return jnp.sign(determinant(rows))

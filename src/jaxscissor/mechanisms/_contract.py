@@ -1,0 +1,179 @@
+"""The contract between a robot and the library: a platform, its legs, and how they are laid out.
+
+    pose --attachments--> what each leg sees of the platform --residual(joints, attachment) = 0--> joints
+
+A robot is a pytree: its arrays are the design, and everything else in the library follows from the
+methods below by automatic differentiation. Define a leg and a robot with ``pytree`` and these two bases.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._newton import value_and_jacobian
+from jaxscissor._numerics import Scalar, determinant, fence
+from jaxscissor._pytree import as_floats, is_concrete
+from jaxscissor._spaces import Space
+from jaxscissor._vectors import Rotation, Vec
+
+Joints = tuple[Scalar, ...]  # the joint coordinates of one leg
+Attachment = Any  # what a leg sees of the platform: a point, a point and an axis, ...
+
+
+class Leg:
+    """One leg, unbatched. Subclasses are pytrees; the library maps over legs and poses."""
+
+    actuated: ClassVar[tuple[bool, ...]]  # one entry per joint of the leg; False is passive
+
+    def residual(self, joints: Joints, attachment: Attachment) -> Joints:
+        """Closure equations, as many as joints, dimensionless and of order one."""
+        raise NotImplementedError
+
+    def start(self, attachment: Attachment) -> Joints:
+        """First guess on the home mode, in closed form where there is one."""
+        raise NotImplementedError
+
+    def margins(self, joints: Joints, attachment: Attachment) -> Sequence[Scalar]:
+        """Signed distances to the limits, dimensionless, >= 0 where feasible. Default: no limits."""
+        return ()
+
+    def bars(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
+        """Segments to draw, in the base frame. Default: none."""
+        return ()
+
+    def mode(self, joints: Joints, attachment: Attachment) -> Scalar:
+        """Label of the working mode, an integer. Default: sign of det d residual / d joints."""
+        _, rows = value_and_jacobian(lambda q: self.residual(q, attachment), joints)
+        return jnp.sign(determinant(rows)).astype(jnp.int32)
+
+    def solutions(self, attachment: Attachment) -> tuple[Sequence[Joints], Sequence[Scalar]] | None:
+        """Every root, padded, and which are real. Only this can prove that there is none. Default: unknown."""
+        return None
+
+    def reach(self, attachment: Attachment) -> Scalar | None:
+        """Continuous, dimensionless, >= 0 exactly where the home mode exists. Default: unknown.
+
+        Where it is negative, ``start`` must give the joints at which the home mode's residual is least.
+        """
+        return None
+
+    def closes(self, joints: Joints) -> Scalar:
+        """Whether the leg can be assembled with these joints for some attachment. Default: not known to fail."""
+        return True
+
+
+class Mechanism:
+    """A parallel robot. Subclasses are pytrees whose leaves are the design."""
+
+    space: ClassVar[type[Space]]
+
+    @property
+    def length(self) -> Scalar:
+        """Characteristic length, which makes poses and measures dimensionless."""
+        raise NotImplementedError
+
+    def legs(self) -> Leg:
+        """The legs, stacked on the leading axis of every leaf."""
+        raise NotImplementedError
+
+    def attachments(self, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
+        """What each leg sees of the platform. No trigonometry here: the library has done it."""
+        raise NotImplementedError
+
+    def constraints(self, position: Vec, rotation: Rotation) -> Sequence[Scalar]:
+        """Equations among the pose alone, of robots whose platform cannot move freely. Default: none."""
+        return ()
+
+    def home(self) -> tuple[jax.Array, jax.Array]:
+        """A consistent (pose, joints) that names the working mode."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """A table of the robot's dimensions with units."""
+        rows = [(f.name, _shown(getattr(self, f.name)), f.metadata.get("unit", "")) for f in dataclasses.fields(self)]  # type: ignore[arg-type]
+        wide = max(len(name) for name, _, _ in rows)
+        lines = [f"  {name:<{wide}}  {value}{' ' + unit if unit else ''}" for name, value, unit in rows]
+        return "\n".join([type(self).__name__, *lines])
+
+
+def _shown(value: Any) -> str:
+    if not is_concrete(value):
+        return str(value)
+    return np.array2string(np.asarray(value), precision=5, floatmode="maxprec", separator=", ").replace("\n", "")
+
+
+def legs_of(robot: Mechanism) -> list[Any]:
+    """The legs of a robot, one by one; unrolled in Python they run faster than under ``vmap``."""
+    stacked = fence(robot.legs())
+    count = jax.tree.leaves(stacked)[0].shape[0]
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], stacked) for i in range(count)]
+
+
+def actuation(robot: Mechanism) -> tuple[bool, ...]:
+    """Which of the robot's joints are actuated, leg by leg."""
+    stacked = robot.legs()
+    return stacked.actuated * jax.tree.leaves(stacked)[0].shape[0]
+
+
+def split_joints(robot: Mechanism, joints: jax.Array) -> list[Joints]:
+    """The joints of each leg, from the flat array of all of them."""
+    size = len(robot.legs().actuated)
+    return [tuple(joints[i + j] for j in range(size)) for i in range(0, joints.shape[0], size)]
+
+
+def join_joints(joints: Sequence[Joints]) -> jax.Array:
+    """The flat array of all joints."""
+    return jnp.stack([q for leg in joints for q in leg])
+
+
+def leg_residual(joints: Joints, args: tuple[Any, Attachment]) -> Joints:
+    """Residual of one leg as a function of module level, the form the solver takes."""
+    leg, attachment = args
+    return leg.residual(joints, attachment)
+
+
+def closure(robot: Mechanism, joints: Sequence[Joints], position: Vec, rotation: Rotation) -> Joints:
+    """All closure equations, leg by leg, and the constraints on the pose after them."""
+    attachments = robot.attachments(position, rotation)
+    legs = legs_of(robot)
+    equations = [r for leg, q, a in zip(legs, joints, attachments, strict=True) for r in leg.residual(q, a)]
+    return (*equations, *robot.constraints(position, rotation))
+
+
+def checked_pose(robot: Mechanism, pose: Any) -> tuple[Any, jax.Array]:
+    """Robot and pose in one floating dtype.
+
+    Raises:
+      ValueError: the pose does not have the shape of the robot's space.
+    """
+    shape, space = jnp.shape(pose), robot.space
+    if shape != (space.dimension,):
+        raise ValueError(
+            f"Got a pose of shape {shape}; {type(robot).__name__} expects ({space.dimension},) = "
+            f"({', '.join(space.names)}). Map over a batch of poses with jax.vmap."
+        )
+    robot, pose = as_floats(robot, jnp.asarray(pose))
+    return robot, pose
+
+
+def checked_joints(robot: Mechanism, joints: Any, *, actuated_only: bool = False) -> jax.Array:
+    """Joints as an array of the robot's dtype.
+
+    Raises:
+      ValueError: the array does not have one entry per joint.
+    """
+    mask = actuation(robot)
+    expected = (sum(mask) if actuated_only else len(mask),)
+    if jnp.shape(joints) != expected:
+        kind = "actuated joints" if actuated_only else "joints"
+        raise ValueError(
+            f"Got {kind} of shape {jnp.shape(joints)}; {type(robot).__name__} expects {expected}. "
+            "Map over a batch with jax.vmap."
+        )
+    return jnp.asarray(joints)

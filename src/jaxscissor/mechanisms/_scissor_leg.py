@@ -1,0 +1,273 @@
+"""A scissor on two slides that meet in a point: the leg of the Triple Scissor Extender."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._newton import implicit, newton
+from jaxscissor._numerics import Scalar, default_tol, limit_margins, safe_divide, safe_sqrt, tiny
+from jaxscissor._pytree import pytree
+from jaxscissor._quartic import quartic_roots
+from jaxscissor._vectors import Vec
+from jaxscissor.mechanisms._contract import Joints, Leg
+from jaxscissor.scissor import Scissor
+
+
+class _Profile(NamedTuple):
+    r"""The closure of one leg as a function of one unknown u, all lengths in units of L.
+
+    With p = s_A + s_B and m = s_A - s_B, the first closure equation [RAL17 eq. 10] is the hyperbola
+    (p - a) m = b p, solved by p = u + a, m = b + a b / u. Put into the second [RAL17 eq. 13] it leaves
+    F(u) = A u^2 + B u + C + beta / u + gamma / u^2 = 0. Here a = r.(d_A + d_B) and b = r.(d_A - d_B)
+    for the apex at r from the slides' intersection, so any slide directions are covered.
+    """
+
+    a: Scalar
+    b: Scalar
+    A: Scalar
+    B: Scalar
+    C: Scalar
+    beta: Scalar
+    gamma: Scalar
+
+    def value(self, u: Scalar) -> Scalar:
+        """F(u)."""
+        return (self.A * u + self.B) * u + self.C + (self.beta + self.gamma / u) / u
+
+    def slope(self, u: Scalar) -> Scalar:
+        """F'(u)."""
+        return 2 * self.A * u + self.B - (self.beta + 2 * self.gamma / u) / u / u
+
+    def curvature(self, u: Scalar) -> Scalar:
+        """F''(u)."""
+        return 2 * self.A + (2 * self.beta + 6 * self.gamma / u) / u / u / u
+
+    def joints(self, u: Scalar) -> Joints:
+        """The (s_A, s_B) of an unknown u > 0, in units of L; at b = 0 they follow the symmetric branch."""
+        p = u + self.a
+        m = self.b + self.a * jnp.where(jnp.abs(self.b) > tiny(u), self.b / u, 0)
+        return (p + m) / 2, (p - m) / 2
+
+
+@pytree
+class ScissorLeg(Leg):
+    """A scissor whose feet A and B run on two slides from one origin; its apex C carries the platform.
+
+    The closure equations, free of coordinates, with M = (A + B) / 2:
+    (C - M).(A - B) = 0 and |C - M|^2 / L^2 + |A - B|^2 / (4 l0^2) = 1 [RAL17 eqs. 10, 13].
+
+    The home mode is the one with both feet outside the apex's foot on their slides: s_A, s_B >= 0,
+    p > a and det d residual / d joints < 0. No path without a singularity leads out of it (on u = 0 the
+    determinant is positive), and in it the solution is unique, which is what ``reach`` rests on.
+
+    Attributes:
+      scissor: the scissor, ``end="apex"``.
+      origin: where the slides meet, in the base frame.
+      slide_a, slide_b: unit directions of the slides, in the base frame.
+      stroke: ``(2,)`` least and greatest slide coordinate.
+      widths: ``(2,)`` least and greatest distance of the feet, 2 l0 cos of the scissor-angle stops.
+    """
+
+    scissor: Scissor
+    origin: Vec
+    slide_a: Vec
+    slide_b: Vec
+    stroke: jax.Array
+    widths: jax.Array
+
+    actuated = (True, True)
+
+    def residual(self, joints: Joints, attachment: Vec) -> Joints:
+        """Symmetry and height of the scissor [RAL17 eqs. 10, 13], divided by L^2."""
+        r = attachment - self.origin
+        foot_a, foot_b = self.slide_a * joints[0], self.slide_b * joints[1]
+        base = foot_a - foot_b
+        axis = r - (foot_a + foot_b) * 0.5
+        length = self.scissor.length
+        ratio = length / (2 * self.scissor.base_link)
+        scale = 1 / length**2
+        return axis.dot(base) * scale, (axis.dot(axis) + ratio**2 * base.dot(base)) * scale - 1
+
+    def start(self, attachment: Vec) -> Joints:
+        """The home solution to a few digits; beyond the home mode's edge, the joints of least residual."""
+        profile = self._profile(attachment)
+        edge = _edge(profile)
+        u = jnp.where(profile.value(edge) <= 0, _outer_root(profile, edge), edge)
+        return tuple(s * self.scissor.length for s in profile.joints(u))
+
+    def reach(self, attachment: Vec) -> Scalar:
+        """-F at the edge of the home mode: the fold where it meets another mode, or a foot at s = 0."""
+        profile = self._profile(attachment)
+        return -profile.value(_edge(profile))
+
+    def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
+        """Slides within their stroke, scissor within its stops, apex above the slides; in units of L and 2 l0."""
+        base = self.slide_a * joints[0] - self.slide_b * joints[1]
+        low, high = self.stroke[0], self.stroke[1]
+        width, full = safe_sqrt(base.dot(base)), 2 * self.scissor.base_link
+        length = self.scissor.length
+        return (
+            *limit_margins(joints[0], low, high, length),
+            *limit_margins(joints[1], low, high, length),
+            *limit_margins(width, self.widths[0], self.widths[1], full),
+            (attachment.z - self.origin.z) / length,
+        )
+
+    def mode(self, joints: Joints, attachment: Vec) -> Scalar:
+        """Home is 0; other labels count what differs: determinant, side of the hyperbola, signs of the slides."""
+        r = attachment - self.origin
+        outer = joints[0] + joints[1] > r.dot(self.slide_a + self.slide_b)
+        proper = Leg.mode(self, joints, attachment) <= 0
+        flags = (proper, outer, joints[0] >= 0, joints[1] >= 0)
+        return sum(jnp.where(flag, 0, 1 << i) for i, flag in enumerate(flags))
+
+    def closes(self, joints: Joints) -> Scalar:
+        """Whether the feet are no farther apart than the scissor spans, 2 l0."""
+        base = self.slide_a * joints[0] - self.slide_b * joints[1]
+        return base.dot(base) <= (2 * self.scissor.base_link) ** 2
+
+    def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
+        """All four working modes: where the ellipse of eq. 13 meets the hyperbola of eq. 10."""
+        a, b, rho2, p2, m2 = self._conics(attachment)
+        center_p, center_m = a / (4 * p2), b / (4 * m2)
+        radius2 = 1 - rho2 + p2 * center_p**2 + m2 * center_m**2
+        radius = safe_sqrt(radius2)
+        axis_p, axis_m = radius / jnp.sqrt(p2), radius / jnp.sqrt(m2)
+        e, f = center_p - a, center_m - b
+        cosines, sines, valid = _circle_roots(e * f - a * b, f * axis_p, e * axis_m, axis_p * axis_m)
+        args = lax.stop_gradient((self, attachment))
+        roots, real = [], []
+        for cosine, sine, found in zip(cosines, sines, valid, strict=True):
+            p, m = center_p + axis_p * cosine, center_m + axis_m * sine
+            guess = tuple(s * self.scissor.length / 2 for s in (p + m, p - m))
+            root, norm, _ = newton(_residual, guess, args, tol=0.0, max_steps=4)
+            ok = found & (radius2 >= 0) & (norm <= default_tol(jnp.result_type(norm)))
+            roots.append(implicit(_residual, lax.stop_gradient(root), ok, (self, attachment)))
+            real.append(ok)
+        return roots, real
+
+    def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
+        """The scissor's bars as segments in the base frame."""
+        foot_a = self.origin + self.slide_a * joints[0]
+        foot_b = self.origin + self.slide_b * joints[1]
+        middle, base = (foot_a + foot_b) * 0.5, foot_a - foot_b
+        width = safe_sqrt(base.dot(base))
+        up = attachment - middle
+        across = base * -safe_divide(1, width)
+        along = up * safe_divide(1, safe_sqrt(up.dot(up)))
+
+        def place(point):
+            return middle + across * point[0] + along * point[1]
+
+        return [(place(p), place(q)) for p, q in self.scissor.bars(width)]
+
+    def _conics(self, attachment: Vec):
+        """Both closure equations in p and m: (p-a)(m-b) = ab and P2 p^2 + M2 m^2 - (pa + mb)/2 + rho^2 = 1."""
+        length = self.scissor.length
+        r = (attachment - self.origin) * (1 / length)
+        along_a, along_b = r.dot(self.slide_a), r.dot(self.slide_b)
+        cos2 = (1 - self.slide_a.dot(self.slide_b)) / 2
+        sin2 = 1 - cos2
+        ratio = (length / (2 * self.scissor.base_link)) ** 2
+        return (
+            along_a + along_b,
+            along_a - along_b,
+            r.dot(r),
+            sin2 / 4 + ratio * cos2,
+            cos2 / 4 + ratio * sin2,
+        )
+
+    def _profile(self, attachment: Vec) -> _Profile:
+        a, b, rho2, p2, m2 = self._conics(attachment)
+        linear = (2 * p2 - 0.5) * a
+        constant = rho2 - 1 + (p2 - 0.5) * a**2 + (m2 - 0.5) * b**2
+        return _Profile(a, b, p2, linear, constant, (2 * m2 - 0.5) * a * b**2, m2 * (a * b) ** 2)
+
+
+def _residual(joints: Joints, args) -> Joints:
+    leg, attachment = args
+    return leg.residual(joints, attachment)
+
+
+def _edge(profile: _Profile) -> Scalar:
+    """The least u of the home mode: where F is least, unless a foot comes to s = 0 before.
+
+    For a > 0, F is convex on u > 0 and the mode ends in the fold F' = 0; for a <= 0, F rises wherever
+    both feet are at s >= 0, that is on u >= max(|b|, -a).
+    """
+    a, b = profile.a, profile.b
+    low = jnp.maximum(jnp.maximum(jnp.abs(b), -a), tiny(b))
+    folded = (a > 0) & (profile.slope(low) < 0)
+    fixed = lax.stop_gradient(profile)
+    guess = jnp.maximum(_fold_guess(fixed), lax.stop_gradient(low))
+    for _ in range(4):
+        guess = jnp.maximum(_halley(fixed, guess), lax.stop_gradient(low))
+    (fold,) = implicit(_fold_equation, (guess,), folded, profile)
+    return jnp.where(folded, fold, low)
+
+
+def _fold_equation(u: tuple[Scalar], profile: _Profile) -> tuple[Scalar]:
+    return (profile.slope(u[0]),)
+
+
+def _fold_guess(f: _Profile) -> Scalar:
+    """Upper bound of the fold: 2A u^4 + B u^3 = beta u + 2 gamma, balanced term against term."""
+    beta, gamma = jnp.maximum(f.beta, 0), f.gamma
+    quartic = jnp.maximum(jnp.cbrt(beta / (2 * f.A)), jnp.sqrt(jnp.sqrt(gamma / f.A)))
+    some = f.B > 0
+    slope = jnp.where(some, f.B, 1)
+    cubic = jnp.sqrt(beta / slope) + jnp.cbrt(2 * gamma / slope)
+    return jnp.where(some, jnp.minimum(quartic, cubic), quartic)
+
+
+def _halley(f: _Profile, u: Scalar) -> Scalar:
+    """One Halley step on u^3 F'(u) = 0."""
+    value = ((2 * f.A * u + f.B) * u * u - f.beta) * u - 2 * f.gamma
+    first = (8 * f.A * u + 3 * f.B) * u * u - f.beta
+    second = (24 * f.A * u + 6 * f.B) * u
+    return u - safe_divide(2 * value * first, 2 * first**2 - value * second)
+
+
+def _outer_root(f: _Profile, edge: Scalar) -> Scalar:
+    """The root of F above the edge, from the right by Euler steps, exact for parabolas and at folds."""
+    bound = f.C + jnp.minimum(f.beta, 0) / edge
+    u = (-f.B + safe_sqrt(f.B**2 - 4 * f.A * bound)) / (2 * f.A)
+    u = jnp.maximum(u, edge)
+    for _ in range(3):
+        value, slope, curvature = f.value(u), f.slope(u), f.curvature(u)
+        root = safe_sqrt(slope**2 - 2 * value * curvature)
+        u = jnp.maximum(u - safe_divide(2 * value, slope + root), edge)
+    return u
+
+
+def _circle_roots(k0: Scalar, k1: Scalar, k2: Scalar, k3: Scalar):
+    """Real roots of k0 + k1 cos x + k2 sin x + k3 sin x cos x = 0 as (cosines, sines, valid), four of each.
+
+    The half-angle tangent of x - x0 turns it into a quartic; x0, one of four diagonals, is chosen so that
+    its opposite, where the tangent is infinite, is as far from a root as can be.
+    """
+    half = jnp.sqrt(jnp.asarray(0.5, jnp.result_type(k0)))
+    diagonals = [(half, half), (-half, half), (-half, -half), (half, -half)]
+    opposite = [k0 - k1 * c - k2 * s + k3 * c * s for c, s in diagonals]
+    best = opposite[0]
+    c0, s0 = diagonals[0]
+    for (c, s), value in zip(diagonals[1:], opposite[1:], strict=True):
+        larger = jnp.abs(value) > jnp.abs(best)
+        best, c0, s0 = (jnp.where(larger, n, o) for n, o in ((value, best), (c, c0), (s, s0)))
+    q1, q2, q3 = k1 * c0 + k2 * s0, k2 * c0 - k1 * s0, k3 * c0 * s0
+    lead = jnp.where(best == 0, 1, best)
+    roots, real = quartic_roots(
+        2 * q2 / lead, 2 * (k0 - 3 * q3) / lead, 2 * q2 / lead, (k0 + q1 + q3) / lead
+    )
+    cosines, sines = [], []
+    for t in roots:
+        scale = 1 / (1 + t * t)
+        c, s = (1 - t * t) * scale, 2 * t * scale
+        cosines.append(c0 * c - s0 * s)
+        sines.append(s0 * c + c0 * s)
+    return cosines, sines, [r & (best != 0) for r in real]
