@@ -100,11 +100,25 @@ def fence(tree: Any) -> Any:
     """Identity that the compiler must evaluate once.
 
     XLA fuses, and every fused output recomputes its producers: the attachments of one pose would cost
-    dozens of sines instead of six. A loop that never runs, but that XLA cannot prove dead, forces its
-    inputs to be stored. (``lax.optimization_barrier`` is dropped before fusion.)
+    dozens of sines instead of six. A loop that does not run, but that XLA cannot prove dead, forces its
+    inputs to be stored. (``lax.optimization_barrier`` is dropped before fusion.) It runs once where the
+    first element is infinite, and adds the counter, then zero; a body that is plainly the identity would
+    be seen through.
     """
     leaves = jax.tree.leaves(tree)
-    return lax.while_loop(lambda t: jax.tree.leaves(t)[0].ravel()[0] > jnp.inf, lambda t: t, tree) if leaves else tree
+    if not leaves:
+        return tree
+    largest = float(jnp.finfo(leaves[0].dtype).max)
+
+    def entered(carry):
+        count, value = carry
+        return (jax.tree.leaves(value)[0].ravel()[0] > largest) & (count < 1)
+
+    def unchanged(carry):
+        count, value = carry
+        return count + 1, jax.tree.map(lambda leaf: leaf + count.astype(leaf.dtype), value)
+
+    return lax.while_loop(entered, unchanged, (jnp.int32(0), jax.tree.map(jnp.asarray, tree)))[1]
 
 
 @fence.defjvp

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
+from jaxscissor._numerics import Scalar, fence, safe_divide, safe_sqrt
 
 
 def quartic_roots(a3: Scalar, a2: Scalar, a1: Scalar, a0: Scalar) -> tuple[list[Scalar], list[Scalar]]:
@@ -22,7 +22,7 @@ def quartic_roots(a3: Scalar, a2: Scalar, a1: Scalar, a0: Scalar) -> tuple[list[
     p = a2 - 6 * shift**2
     q = a1 - 2 * shift * a2 + 8 * shift**3
     r = a0 - shift * a1 + shift**2 * a2 - 3 * shift**4
-    z = jnp.maximum(_largest_cubic_root(2 * p, p**2 - 4 * r, -(q**2)), 0)
+    z = fence(jnp.maximum(_largest_cubic_root(2 * p, p**2 - 4 * r, -(q**2)), 0))
     root = safe_sqrt(z)
     middle = (p + z) / 2
     split = jnp.where(q < 0, -1, 1) * safe_sqrt(middle**2 - r)

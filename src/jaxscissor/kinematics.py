@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._newton import implicit, max_norm, newton, value_and_jacobian
-from jaxscissor._numerics import Scalar, default_tol, determinant
+from jaxscissor._numerics import Scalar, default_tol, determinant, fence
 from jaxscissor._pytree import as_floats
 from jaxscissor._solution import Solution, Status
 from jaxscissor._vectors import Rotation, Vec
@@ -75,19 +75,18 @@ class LegResult(NamedTuple):
 
 
 def solve_leg(
-    leg: Any, attachment: Any, *, guess: Joints | None, home_mode: Scalar, tol: Scalar, max_steps: Scalar
+    leg: Any, attachment: Any, home: tuple[Joints, Any], *, guess: Joints | None, tol: Scalar, max_steps: Scalar
 ) -> LegResult:
-    """Solve one leg in its home mode, or in the guess's mode if a guess is given."""
+    """Solve one leg in the mode of its home (joints, attachment), or in the guess's if a guess is given."""
     args = (leg, attachment)
-    reach = leg.reach(attachment) if guess is None else None
-    start = leg.start(attachment) if guess is None else guess
+    start, reach = leg.start(attachment) if guess is None else (guess, None)
     active = jnp.asarray(True) if reach is None else lax.stop_gradient(reach) >= 0
     root, norm, steps = newton(leg_residual, start, args, tol=tol, max_steps=max_steps, active=active)
     converged = active & (norm <= tol)
     root = implicit(leg_residual, root, converged, args)
     if reach is None:
-        wanted = home_mode if guess is None else leg.mode(guess, attachment)
-        solved = converged & (leg.mode(lax.stop_gradient(root), attachment) == wanted)
+        wanted = leg.mode(*home) if guess is None else leg.mode(guess, attachment)
+        solved = converged & (leg.mode(root, attachment) == wanted)
     else:
         solved = converged
     return LegResult(root, start, solved, converged, reach, norm, steps)
@@ -119,30 +118,28 @@ class Placed(NamedTuple):
     rotation: Rotation
     legs: list[Any]
     attachments: list[Any]
-    home_modes: list[Scalar]
+    homes: list[tuple[Joints, Any]]
 
 
 def place(robot: Mechanism, pose: jax.Array) -> Placed:
-    """Evaluate what the legs see of the platform, and the modes in which they stand at home."""
+    """Evaluate what the legs see of the platform, at the pose and at home."""
     home_pose, home_joints = robot.home()
     scale = lax.stop_gradient(robot.length)
     finite = jnp.isfinite(jnp.sum((pose / scale) ** 2))
     pose = jnp.where(finite, pose, lax.stop_gradient(home_pose))
     position, rotation = robot.space.place(pose)
     legs = legs_of(robot)
-    home = lax.stop_gradient(robot.attachments(*robot.space.place(home_pose)))
-    modes = [leg.mode(q, a) for leg, q, a in zip(legs, split_joints(robot, home_joints), home, strict=True)]
-    return Placed(finite, pose, position, rotation, legs, list(robot.attachments(position, rotation)), modes)
+    at_home = robot.attachments(*robot.space.place(home_pose))
+    homes = list(zip(split_joints(robot, home_joints), at_home, strict=True))
+    attachments = list(fence(robot.attachments(position, rotation)))
+    return Placed(finite, pose, position, rotation, legs, attachments, lax.stop_gradient(homes))
 
 
 def solve_legs(robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any) -> list[LegResult]:
     """Solve every leg of a placed robot."""
     guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
-    cases = zip(placed.legs, placed.attachments, placed.home_modes, guesses, strict=True)
-    return [
-        solve_leg(leg, attachment, guess=g, home_mode=mode, tol=tol, max_steps=max_steps)
-        for leg, attachment, mode, g in cases
-    ]
+    cases = zip(placed.legs, placed.attachments, placed.homes, guesses, strict=True)
+    return [solve_leg(*case, guess=g, tol=tol, max_steps=max_steps) for *case, g in cases]
 
 
 def inverse_kinematics(

@@ -35,8 +35,13 @@ class Leg:
         """Closure equations, as many as joints, dimensionless and of order one."""
         raise NotImplementedError
 
-    def start(self, attachment: Attachment) -> Joints:
-        """First guess on the home mode, in closed form where there is one."""
+    def start(self, attachment: Attachment) -> tuple[Joints, Scalar | None]:
+        """First guess on the home mode, and how far the attachment lies inside that mode's reach.
+
+        The reach is continuous, dimensionless and >= 0 exactly where the home mode exists; where it is
+        negative, the guess must be the joints of least residual at the mode's edge, which are not iterated
+        further. ``None`` if it is not known in closed form: Newton's success then decides.
+        """
         raise NotImplementedError
 
     def margins(self, joints: Joints, attachment: Attachment) -> Sequence[Scalar]:
@@ -54,13 +59,6 @@ class Leg:
 
     def solutions(self, attachment: Attachment) -> tuple[Sequence[Joints], Sequence[Scalar]] | None:
         """Every root, padded, and which are real. Only this can prove that there is none. Default: unknown."""
-        return None
-
-    def reach(self, attachment: Attachment) -> Scalar | None:
-        """Continuous, dimensionless, >= 0 exactly where the home mode exists. Default: unknown.
-
-        Where it is negative, ``start`` must give the joints at which the home mode's residual is least.
-        """
         return None
 
     def closes(self, joints: Joints) -> Scalar:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._newton import implicit, newton
-from jaxscissor._numerics import Scalar, default_tol, limit_margins, safe_divide, safe_sqrt, tiny
+from jaxscissor._numerics import Scalar, fence, limit_margins, safe_divide, safe_sqrt, tiny
 from jaxscissor._pytree import pytree
 from jaxscissor._quartic import quartic_roots
 from jaxscissor._vectors import Vec
@@ -63,7 +63,7 @@ class ScissorLeg(Leg):
 
     The home mode is the one with both feet outside the apex's foot on their slides: s_A, s_B >= 0,
     p > a and det d residual / d joints < 0. No path without a singularity leads out of it (on u = 0 the
-    determinant is positive), and in it the solution is unique, which is what ``reach`` rests on.
+    determinant is positive), and in it the solution is unique, which is what the reach in ``start`` rests on.
 
     Attributes:
       scissor: the scissor, ``end="apex"``.
@@ -93,17 +93,17 @@ class ScissorLeg(Leg):
         scale = 1 / length**2
         return axis.dot(base) * scale, (axis.dot(axis) + ratio**2 * base.dot(base)) * scale - 1
 
-    def start(self, attachment: Vec) -> Joints:
-        """The home solution to a few digits; beyond the home mode's edge, the joints of least residual."""
-        profile = self._profile(attachment)
-        edge = _edge(profile)
-        u = jnp.where(profile.value(edge) <= 0, _outer_root(profile, edge), edge)
-        return tuple(s * self.scissor.length for s in profile.joints(u))
+    def start(self, attachment: Vec) -> tuple[Joints, Scalar]:
+        """The home solution to a few digits, and -F at the edge of the home mode.
 
-    def reach(self, attachment: Vec) -> Scalar:
-        """-F at the edge of the home mode: the fold where it meets another mode, or a foot at s = 0."""
+        At the edge the mode folds into another one, or a foot comes to s = 0; where F is positive there,
+        the joints are those of the edge.
+        """
         profile = self._profile(attachment)
-        return -profile.value(_edge(profile))
+        edge = fence(_edge(profile))
+        reach = -profile.value(edge)
+        u = fence(jnp.where(reach >= 0, _outer_root(profile, edge), edge))
+        return tuple(s * self.scissor.length for s in profile.joints(u)), reach
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """Slides within their stroke, scissor within its stops, apex above the slides; in units of L and 2 l0."""
@@ -145,8 +145,8 @@ class ScissorLeg(Leg):
         for cosine, sine, found in zip(cosines, sines, valid, strict=True):
             p, m = center_p + axis_p * cosine, center_m + axis_m * sine
             guess = tuple(s * self.scissor.length / 2 for s in (p + m, p - m))
-            root, norm, _ = newton(_residual, guess, args, tol=0.0, max_steps=4)
-            ok = found & (radius2 >= 0) & (norm <= default_tol(jnp.result_type(norm)))
+            root, *_ = newton(_residual, guess, args, tol=0.0, max_steps=4)
+            ok = found & (radius2 >= 0)
             roots.append(implicit(_residual, lax.stop_gradient(root), ok, (self, attachment)))
             real.append(ok)
         return roots, real
@@ -238,7 +238,7 @@ def _outer_root(f: _Profile, edge: Scalar) -> Scalar:
     bound = f.C + jnp.minimum(f.beta, 0) / edge
     u = (-f.B + safe_sqrt(f.B**2 - 4 * f.A * bound)) / (2 * f.A)
     u = jnp.maximum(u, edge)
-    for _ in range(3):
+    for _ in range(6):
         value, slope, curvature = f.value(u), f.slope(u), f.curvature(u)
         root = safe_sqrt(slope**2 - 2 * value * curvature)
         u = jnp.maximum(u - safe_divide(2 * value, slope + root), edge)
@@ -261,9 +261,8 @@ def _circle_roots(k0: Scalar, k1: Scalar, k2: Scalar, k3: Scalar):
         best, c0, s0 = (jnp.where(larger, n, o) for n, o in ((value, best), (c, c0), (s, s0)))
     q1, q2, q3 = k1 * c0 + k2 * s0, k2 * c0 - k1 * s0, k3 * c0 * s0
     lead = jnp.where(best == 0, 1, best)
-    roots, real = quartic_roots(
-        2 * q2 / lead, 2 * (k0 - 3 * q3) / lead, 2 * q2 / lead, (k0 + q1 + q3) / lead
-    )
+    odd = 2 * q2 / lead
+    roots, real = quartic_roots(*fence((odd, 2 * (k0 - 3 * q3) / lead, odd, (k0 + q1 + q3) / lead)))
     cosines, sines = [], []
     for t in roots:
         scale = 1 / (1 + t * t)
