@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._numerics import Scalar, determinant, solve
+from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt, solve
 
 Unknowns = tuple[Scalar, ...]
 Residual = Callable[[Any, Any], Unknowns]  # (state, args) -> one scalar per unknown
@@ -106,6 +106,29 @@ def _implicit_jvp(residual, primals, tangents):
     usable = ok & (determinant(rows) != 0)
     rows = [[jnp.where(usable, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
     return root, solve(rows, [jnp.where(usable, -m, 0) for m in moved])
+
+
+def fold_distance(residual: Residual, root: Unknowns, args: Any) -> Scalar:
+    """Size of the change of the residual that would make a regular root fold, to second order; >= 0.
+
+    Moving the residual by a unit vector e moves the root by -J^-1 e, and det J with it: its square falls
+    linearly, and is used up after det^2 / (2 |adj(J)^T grad det|).
+    """
+
+    def det(x):
+        _, rows = value_and_jacobian(lambda y: residual(y, args), x)
+        return determinant(rows)
+
+    _, rows = value_and_jacobian(lambda y: residual(y, args), root)
+    _, (gradient,) = value_and_jacobian(lambda x: (det(x),), root)
+    size = len(root)
+    pull = []
+    for i in range(size):
+        # row i of adj(J)^T grad det: det J with column-wise Cramer's rule, free of a division by det
+        replaced = [[gradient[k] if j == i else rows[j][k] for k in range(size)] for j in range(size)]
+        pull.append(determinant(replaced))
+    det2 = determinant(rows) ** 2
+    return safe_divide(det2, 2 * safe_sqrt(sum(p * p for p in pull)))
 
 
 def least_squares(residual: Residual, start: Unknowns, args: Any, *, max_steps: int = 40) -> Unknowns:

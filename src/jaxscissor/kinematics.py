@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._legs import leg_status, place, solve_legs
 from jaxscissor._newton import implicit, max_norm, newton, value_and_jacobian
-from jaxscissor._numerics import Scalar, default_tol, determinant, fence
+from jaxscissor._numerics import Scalar, default_tol, determinant
 from jaxscissor._pytree import as_floats
 from jaxscissor._solution import Solution, Status
-from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.mechanisms._contract import (
     Joints,
     Mechanism,
@@ -21,7 +21,6 @@ from jaxscissor.mechanisms._contract import (
     checked_pose,
     closure,
     join_joints,
-    leg_residual,
     legs_of,
     split_joints,
 )
@@ -54,92 +53,6 @@ def residual(robot: Mechanism, joints: Any, pose: Any) -> jax.Array:
     joints = checked_joints(robot, joints)
     robot, pose, joints = as_floats(robot, pose, joints)
     return jnp.stack(closure(robot, split_joints(robot, joints), *robot.space.place(pose)))
-
-
-class LegResult(NamedTuple):
-    """One leg solved for one attachment."""
-
-    root: Joints  # with its implicit derivative; worthless where not solved
-    start: Joints  # the first guess, which beyond the home mode's edge has the least residual
-    solved: Scalar  # whether the root is in the wanted mode
-    converged: Scalar  # whether it is a root at all
-    reach: Scalar | None
-    norm: Scalar
-    steps: Scalar
-
-    @property
-    def value(self) -> Joints:
-        """The root, or where there is none the closest joints, with zero derivative."""
-        fixed = lax.stop_gradient(self.start)
-        return tuple(jnp.where(self.converged, r, s) for r, s in zip(self.root, fixed, strict=True))
-
-
-def solve_leg(
-    leg: Any, attachment: Any, home: tuple[Joints, Any], *, guess: Joints | None, tol: Scalar, max_steps: Scalar
-) -> LegResult:
-    """Solve one leg in the mode of its home (joints, attachment), or in the guess's if a guess is given."""
-    args = (leg, attachment)
-    start, reach = leg.start(attachment) if guess is None else (guess, None)
-    active = jnp.asarray(True) if reach is None else lax.stop_gradient(reach) >= 0
-    root, norm, steps = newton(leg_residual, start, args, tol=tol, max_steps=max_steps, active=active)
-    converged = active & (norm <= tol)
-    root = implicit(leg_residual, root, converged, args)
-    if reach is None:
-        wanted = leg.mode(*home) if guess is None else leg.mode(guess, attachment)
-        solved = converged & (leg.mode(root, attachment) == wanted)
-    else:
-        solved = converged
-    return LegResult(root, start, solved, converged, reach, norm, steps)
-
-
-def leg_status(leg: Any, attachment: Any, result: LegResult) -> Scalar:
-    """Status of one leg; where the home mode fails, all solutions decide between the failures."""
-    solutions = leg.solutions(lax.stop_gradient(attachment))
-    if solutions is None:
-        failure = jnp.where(result.converged, Status.OTHER_MODE, Status.MAX_STEPS)
-    else:
-        exists = result.converged
-        for valid in solutions[1]:
-            exists = exists | valid
-        failure = jnp.where(exists, Status.OTHER_MODE, Status.NO_SOLUTION)
-        if result.reach is None:  # a guess was given and Newton did not get there: nothing is proved by that
-            failure = jnp.where(exists & ~result.converged, Status.MAX_STEPS, failure)
-        else:
-            failure = jnp.where(result.reach >= 0, Status.MAX_STEPS, failure)
-    return jnp.where(result.solved, Status.CONVERGED, failure).astype(jnp.int32)
-
-
-class Placed(NamedTuple):
-    """A pose put into the robot: nan and infinity replaced by home, so that nothing spreads."""
-
-    finite: Scalar
-    pose: jax.Array
-    position: Vec
-    rotation: Rotation
-    legs: list[Any]
-    attachments: list[Any]
-    homes: list[tuple[Joints, Any]]
-
-
-def place(robot: Mechanism, pose: jax.Array) -> Placed:
-    """Evaluate what the legs see of the platform, at the pose and at home."""
-    home_pose, home_joints = robot.home()
-    scale = lax.stop_gradient(robot.length)
-    finite = jnp.isfinite(jnp.sum((pose / scale) ** 2))
-    pose = jnp.where(finite, pose, lax.stop_gradient(home_pose))
-    position, rotation = robot.space.place(pose)
-    legs = legs_of(robot)
-    at_home = robot.attachments(*robot.space.place(home_pose))
-    homes = list(zip(split_joints(robot, home_joints), at_home, strict=True))
-    attachments = list(fence(robot.attachments(position, rotation)))
-    return Placed(finite, pose, position, rotation, legs, attachments, lax.stop_gradient(homes))
-
-
-def solve_legs(robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any) -> list[LegResult]:
-    """Solve every leg of a placed robot."""
-    guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
-    cases = zip(placed.legs, placed.attachments, placed.homes, guesses, strict=True)
-    return [solve_leg(*case, guess=g, tol=tol, max_steps=max_steps) for *case, g in cases]
 
 
 def inverse_kinematics(

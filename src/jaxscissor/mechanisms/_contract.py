@@ -52,6 +52,10 @@ class Leg:
         """Segments to draw, in the base frame. Default: none."""
         return ()
 
+    def rails(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
+        """Segments fixed to the base that the leg runs on, to draw. Default: none."""
+        return ()
+
     def mode(self, joints: Joints, attachment: Attachment) -> Scalar:
         """Label of the working mode, an integer. Default: sign of det d residual / d joints."""
         _, rows = value_and_jacobian(lambda q: self.residual(q, attachment), joints)

@@ -11,7 +11,7 @@ from jax import lax
 
 from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar, fence, limit_margins, safe_divide, safe_sqrt, tiny
-from jaxscissor._pytree import pytree
+from jaxscissor._pytree import pytree, unchecked
 from jaxscissor._quartic import quartic_roots
 from jaxscissor._vectors import Vec
 from jaxscissor.mechanisms._contract import Joints, Leg
@@ -66,19 +66,22 @@ class ScissorLeg(Leg):
     determinant is positive), and in it the solution is unique, which is what the reach in ``start`` rests on.
 
     Attributes:
-      scissor: the scissor, ``end="apex"``.
+      base_link, length: l0 and L of the scissor.
+      shares: ``(n,)`` of the upper half-bars l1..ln in their sum, which only the picture shows.
       origin: where the slides meet, in the base frame.
       slide_a, slide_b: unit directions of the slides, in the base frame.
-      stroke: ``(2,)`` least and greatest slide coordinate.
-      widths: ``(2,)`` least and greatest distance of the feet, 2 l0 cos of the scissor-angle stops.
+      stroke: least and greatest slide coordinate.
+      widths: least and greatest distance of the feet, 2 l0 cos of the scissor-angle stops.
     """
 
-    scissor: Scissor
+    base_link: Scalar
+    length: Scalar
+    shares: jax.Array
     origin: Vec
     slide_a: Vec
     slide_b: Vec
-    stroke: jax.Array
-    widths: jax.Array
+    stroke: tuple[Scalar, Scalar]
+    widths: tuple[Scalar, Scalar]
 
     actuated = (True, True)
 
@@ -88,9 +91,8 @@ class ScissorLeg(Leg):
         foot_a, foot_b = self.slide_a * joints[0], self.slide_b * joints[1]
         base = foot_a - foot_b
         axis = r - (foot_a + foot_b) * 0.5
-        length = self.scissor.length
-        ratio = length / (2 * self.scissor.base_link)
-        scale = 1 / length**2
+        ratio = self.length / (2 * self.base_link)
+        scale = 1 / self.length**2
         return axis.dot(base) * scale, (axis.dot(axis) + ratio**2 * base.dot(base)) * scale - 1
 
     def start(self, attachment: Vec) -> tuple[Joints, Scalar]:
@@ -102,20 +104,19 @@ class ScissorLeg(Leg):
         profile = self._profile(attachment)
         edge = fence(_edge(profile))
         reach = -profile.value(edge)
-        u = fence(jnp.where(reach >= 0, _outer_root(profile, edge), edge))
-        return tuple(s * self.scissor.length for s in profile.joints(u)), reach
+        fixed = lax.stop_gradient((profile, edge))  # Newton gives the root its derivative
+        u = jnp.where(reach >= 0, fence(_outer_root(*fixed)), edge)
+        return tuple(s * self.length for s in profile.joints(u)), reach
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """Slides within their stroke, scissor within its stops, apex above the slides; in units of L and 2 l0."""
         base = self.slide_a * joints[0] - self.slide_b * joints[1]
-        low, high = self.stroke[0], self.stroke[1]
-        width, full = safe_sqrt(base.dot(base)), 2 * self.scissor.base_link
-        length = self.scissor.length
+        width = safe_sqrt(base.dot(base))
         return (
-            *limit_margins(joints[0], low, high, length),
-            *limit_margins(joints[1], low, high, length),
-            *limit_margins(width, self.widths[0], self.widths[1], full),
-            (attachment.z - self.origin.z) / length,
+            *limit_margins(joints[0], *self.stroke, self.length),
+            *limit_margins(joints[1], *self.stroke, self.length),
+            *limit_margins(width, *self.widths, 2 * self.base_link),
+            (attachment.z - self.origin.z) / self.length,
         )
 
     def mode(self, joints: Joints, attachment: Vec) -> Scalar:
@@ -129,7 +130,7 @@ class ScissorLeg(Leg):
     def closes(self, joints: Joints) -> Scalar:
         """Whether the feet are no farther apart than the scissor spans, 2 l0."""
         base = self.slide_a * joints[0] - self.slide_b * joints[1]
-        return base.dot(base) <= (2 * self.scissor.base_link) ** 2
+        return base.dot(base) <= (2 * self.base_link) ** 2
 
     def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
         """All four working modes: where the ellipse of eq. 13 meets the hyperbola of eq. 10."""
@@ -144,7 +145,7 @@ class ScissorLeg(Leg):
         roots, real = [], []
         for cosine, sine, found in zip(cosines, sines, valid, strict=True):
             p, m = center_p + axis_p * cosine, center_m + axis_m * sine
-            guess = tuple(s * self.scissor.length / 2 for s in (p + m, p - m))
+            guess = tuple(s * self.length / 2 for s in (p + m, p - m))
             root, *_ = newton(_residual, guess, args, tol=0.0, max_steps=4)
             ok = found & (radius2 >= 0)
             roots.append(implicit(_residual, lax.stop_gradient(root), ok, (self, attachment)))
@@ -164,16 +165,26 @@ class ScissorLeg(Leg):
         def place(point):
             return middle + across * point[0] + along * point[1]
 
-        return [(place(p), place(q)) for p, q in self.scissor.bars(width)]
+        upper = (self.length - self.base_link) / 2 * self.shares
+        scissor = unchecked(Scissor, link_lengths=jnp.concatenate([self.base_link[None], upper]), end="apex")
+        return [(place(p), place(q)) for p, q in scissor.bars(width)]
+
+    def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
+        """Both slides, as far as the stroke lets the feet go, or if it does not end, the scissor at rest."""
+        low, high = self.stroke
+        apart = self.slide_a - self.slide_b
+        widest = self.widths[1] * safe_divide(1, safe_sqrt(apart.dot(apart)))
+        ends = [jnp.where(jnp.isfinite(high), high, jnp.maximum(widest, s)) for s in joints]
+        rails = zip((self.slide_a, self.slide_b), ends, strict=True)
+        return [(self.origin + slide * low, self.origin + slide * end) for slide, end in rails]
 
     def _conics(self, attachment: Vec):
         """Both closure equations in p and m: (p-a)(m-b) = ab and P2 p^2 + M2 m^2 - (pa + mb)/2 + rho^2 = 1."""
-        length = self.scissor.length
-        r = (attachment - self.origin) * (1 / length)
+        r = (attachment - self.origin) * (1 / self.length)
         along_a, along_b = r.dot(self.slide_a), r.dot(self.slide_b)
         cos2 = (1 - self.slide_a.dot(self.slide_b)) / 2
         sin2 = 1 - cos2
-        ratio = (length / (2 * self.scissor.base_link)) ** 2
+        ratio = (self.length / (2 * self.base_link)) ** 2
         return (
             along_a + along_b,
             along_a - along_b,

@@ -164,14 +164,20 @@ class TripleScissorExtender(Mechanism):
         level = jnp.zeros_like(sine)
         outward, tangent = Vec(cosine, sine, level), Vec(sine, -cosine, level)
         along, across = jnp.cos(self.actuator_angle), jnp.sin(self.actuator_angle)
-        bars = jnp.broadcast_to(self.link_lengths, (3, *self.link_lengths.shape))
+        upper, scissor = self.link_lengths[1:], self.scissor
+
+        def each(value):
+            return jnp.broadcast_to(value, (3, *value.shape))
+
         return ScissorLeg(
-            scissor=unchecked(Scissor, link_lengths=bars, end="apex"),
+            base_link=each(scissor.base_link),
+            length=each(scissor.length),
+            shares=each(upper / jnp.sum(upper)) if len(upper) else jnp.zeros((3, 0), upper.dtype),
             origin=outward * self.actuator_radius + Vec(level, level, level + self.base_offset),
             slide_a=tangent * along + outward * across,
             slide_b=tangent * -along + outward * across,
-            stroke=jnp.broadcast_to(self.stroke, (3, 2)),
-            widths=jnp.broadcast_to(self._widths(), (3, 2)),
+            stroke=(each(self.stroke[0]), each(self.stroke[1])),
+            widths=tuple(each(width) for width in self._widths()),
         )
 
     def attachments(self, position: Vec, rotation: Rotation) -> list[Vec]:
@@ -190,16 +196,17 @@ class TripleScissorExtender(Mechanism):
         zero = jnp.zeros_like(height)
         return jnp.stack([zero, zero, height, zero, zero, zero]), jnp.stack([slide] * 6)
 
-    def _widths(self) -> jax.Array:
-        return 2 * self.link_lengths[0] * jnp.cos(self.scissor_angle[::-1])
+    def _widths(self) -> tuple[Scalar, Scalar]:
+        full = 2 * self.link_lengths[0]
+        return full * jnp.cos(self.scissor_angle[1]), full * jnp.cos(self.scissor_angle[0])
 
     def _home(self):
         """Outward reach of the apex, limits of s_A + s_B on the axis, and z^2 in their middle."""
         along, across = jnp.cos(self.actuator_angle), jnp.sin(self.actuator_angle)
         reach = self.top_radius - self.actuator_radius
-        widths = self._widths() / along
-        low = jnp.maximum(jnp.maximum(2 * self.stroke[0], widths[0]), 2 * reach * across)
-        high = jnp.minimum(2 * self.stroke[1], widths[1])
+        narrow, wide = self._widths()
+        low = jnp.maximum(jnp.maximum(2 * self.stroke[0], narrow / along), 2 * reach * across)
+        high = jnp.minimum(2 * self.stroke[1], wide / along)
         middle = (low + high) / 2
         height2 = self.scissor.height(middle * along) ** 2 - (reach - middle * across / 2) ** 2
         return reach, low, high, height2

@@ -1,0 +1,98 @@
+"""How motion is geared from the actuators to the platform: gear ratios and height amplification."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxscissor._numerics import safe_divide
+from jaxscissor._pytree import as_floats, pytree
+from jaxscissor.jacobians import twist_jacobian
+from jaxscissor.mechanisms._contract import Mechanism, checked_pose
+
+
+@pytree
+class GearRatios:
+    """Platform motion per motion of the actuators.
+
+    Attributes:
+      translation: ``(3,)`` or ``(2,)``, ascending, dimensionless.
+      rotation: ``(3,)``, ``(1,)`` or ``(0,)``, ascending, radians per unit of length.
+      vertical: along z, of robots that move in three dimensions; otherwise ``None``.
+    """
+
+    translation: jax.Array
+    rotation: jax.Array
+    vertical: jax.Array | None
+
+
+def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
+    """Spatial gear ratios: reciprocal singular values of the twist Jacobian's blocks [ICRA16 eqs. 18, 34-35].
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+
+    Returns:
+      ``GearRatios``; the vertical one is 1 / |column z|. All ``nan`` where the home mode does not exist.
+
+    Raises:
+      ValueError: wrong shape.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> round(float(js.gear_ratios(robot, [0, 0, 0.9144, 0, 0, 0]).vertical), 3)
+      1.323
+    """
+    robot, pose = checked_pose(robot, pose)
+    usable, matrix = twist_jacobian(robot, pose)
+    linear = robot.space.translations
+    any_matrix = jnp.eye(*matrix.shape, dtype=matrix.dtype)
+    matrix = jnp.where(usable, matrix, any_matrix)
+
+    def ratios(block):
+        if not block.shape[1]:
+            return jnp.zeros(0, block.dtype)
+        return jnp.where(usable, 1 / jnp.linalg.svd(block, compute_uv=False), jnp.nan)
+
+    vertical = None
+    if linear == 3:
+        column = matrix[:, 2]
+        vertical = jnp.where(usable, safe_divide(1, jnp.sqrt(jnp.sum(column**2))), jnp.nan)
+    return GearRatios(ratios(matrix[:, :linear]), ratios(matrix[:, linear:]), vertical)
+
+
+def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -> jax.Array:
+    """Vertical gear ratio of a robot over that of a reference, level on the axis [RAL17 eq. 21].
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      reference: the robot to compare with, such as one with k1 = 1.
+      heights: z of the platform, any shape, in the robots' unit of length.
+
+    Returns:
+      One ratio per height; ``nan`` where either robot does not reach it. It is constant in z only if
+      ``top_radius == actuator_radius`` in both robots.
+
+    Raises:
+      ValueError: robots whose pose is not spatial.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> tall = js.TripleScissorExtender.from_ratios(0.25, 0.0, 0.1, 0.1)
+      >>> rigid = js.TripleScissorExtender.from_ratios(1.0, 0.0, 0.1, 0.1)
+      >>> js.height_amplification(tall, rigid, jnp.array([0.4, 0.8])).round(3)
+      Array([4., 4.], dtype=float32)
+    """
+    if robot.space.names[:3] != ("x", "y", "z") or reference.space != robot.space:
+        raise ValueError("Height amplification compares two robots that move in x, y and z.")
+    robot, reference, heights = as_floats(robot, reference, jnp.asarray(heights))
+
+    def ratio(height):
+        pose = jnp.zeros(robot.space.dimension, height.dtype).at[2].set(height)
+        return gear_ratios(robot, pose).vertical / gear_ratios(reference, pose).vertical
+
+    return jax.vmap(ratio)(heights.ravel()).reshape(heights.shape)

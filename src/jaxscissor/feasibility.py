@@ -1,0 +1,141 @@
+"""Whether a pose can be used: reached in the home mode, within every limit, and by what margin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxscissor._legs import LegResult, leg_status, place, solve_leg
+from jaxscissor._newton import fold_distance, least_squares, max_norm
+from jaxscissor._numerics import Scalar, default_tol, fence, safe_sqrt, smallest
+from jaxscissor._pytree import pytree
+from jaxscissor._solution import Status
+from jaxscissor.kinematics import MAX_STEPS
+from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_pose, leg_residual
+
+
+@pytree
+class Feasibility:
+    """Verdict on one pose, or on a batch under ``vmap``.
+
+    Attributes:
+      status: as of ``inverse_kinematics``: whether the home mode exists there.
+      margin: dimensionless, >= 0 where the pose is reached in the home mode within all limits.
+    """
+
+    status: jax.Array
+    margin: jax.Array
+
+    @property
+    def feasible(self) -> jax.Array:
+        """Whether the margin is >= 0."""
+        return self.margin >= 0
+
+
+def feasibility(robot: Mechanism, pose: Any) -> Feasibility:
+    """Whether a pose can be used, with a signed margin that is continuous on both sides of the boundary.
+
+    The margin is the least, over all legs, of the distances to the limits (stroke in units of the robot's
+    length, scissor angle as width over 2 l0, ...) and of the distance to the edge of the home mode, in
+    units of the closure residual. Where the mode does not exist, the joints of least residual stand in.
+    The edge is known in closed form for the TSE; for other legs it is the least residual outside, and
+    inside the residual to second order at which the solution would fold.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+
+    Returns:
+      ``Feasibility``. The margin is ``-inf`` for a pose that is not finite.
+
+    Raises:
+      ValueError: wrong shape of the pose.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> bool(js.feasibility(robot, robot.home()[0]).feasible)
+      True
+      >>> bool(js.feasibility(robot, [0.0, 0.0, 1.7, 0.0, 0.0, 0.0]).margin < 0)  # above the upper stop
+      True
+    """
+    robot, pose = checked_pose(robot, pose)
+    return _feasibility(robot, pose)
+
+
+@jax.jit
+def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
+    placed = place(robot, pose)
+    cases = list(zip(placed.legs, placed.attachments, placed.homes, strict=True))
+    margin, status = _worst_leg(cases)
+    constraints = robot.constraints(placed.position, placed.rotation)
+    if constraints:
+        off, tol = max_norm(tuple(constraints)), default_tol(pose.dtype)
+        status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
+        margin = jnp.where(off <= tol, margin, smallest([margin, -off]))
+    margin = jnp.where(placed.finite, margin, -jnp.inf)
+    return Feasibility(jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32), margin)
+
+
+@jax.custom_jvp
+def _worst_leg(cases: list[Any]) -> tuple[Scalar, Scalar]:
+    """Least margin and worst status of the legs, each given as (leg, attachment, home)."""
+    margins, statuses = zip(*(_leg_feasibility(case) for case in cases), strict=True)
+    status = statuses[0]
+    for other in statuses[1:]:
+        status = jnp.maximum(status, other)
+    return smallest(margins), status
+
+
+@_worst_leg.defjvp
+def _worst_leg_jvp(primals, tangents):
+    """Only the leg that decides has a derivative: it is picked first, and one leg differentiated."""
+    (cases,), (moved,) = primals, tangents
+    margins, statuses = zip(*(_leg_feasibility(case) for case in cases), strict=True)
+    margin, status, case, motion = margins[0], statuses[0], cases[0], moved[0]
+    for other, code, leg, tangent in zip(margins[1:], statuses[1:], cases[1:], moved[1:], strict=True):
+        less = other < margin
+        margin, case, motion = jax.tree.map(
+            lambda new, old, less=less: jnp.where(less, new, old), (other, leg, tangent), (margin, case, motion)
+        )
+        status = jnp.maximum(status, code)
+    gradient = fence(jax.grad(lambda c: _leg_margin(*c)[0])(fence(case)))
+    products = jax.tree.leaves(jax.tree.map(lambda g, m: jnp.sum(g * m), gradient, motion))
+    return (margin, status), (sum(products[1:], products[0]), np.zeros(status.shape, jax.dtypes.float0))
+
+
+@jax.jit
+def _leg_feasibility(case: tuple[Any, Any, Any]) -> tuple[Scalar, Scalar]:
+    """Margin and status of one leg."""
+    margin, result = _leg_margin(*case)
+    return margin, leg_status(case[0], case[1], result)
+
+
+@jax.jit
+def _leg_margin(leg: Any, attachment: Any, home: Any) -> tuple[Scalar, LegResult]:
+    """Margin of one leg, and its solution."""
+    tol = default_tol(jnp.result_type(jax.tree.leaves(attachment)[0]))
+    result = solve_leg(leg, attachment, home, guess=None, tol=tol, max_steps=MAX_STEPS)
+    joints, edge = _nearest(leg, attachment, result)
+    margin = smallest([edge, *leg.margins(joints, attachment)])
+    return jnp.where(jnp.isnan(margin), -jnp.inf, margin), result
+
+
+def _nearest(leg: Any, attachment: Any, result: LegResult) -> tuple[Joints, Scalar]:
+    """The home joints, or those of least residual, and the signed distance to the home mode's edge."""
+    if result.reach is not None:
+        pairs = zip(result.root, result.start, strict=True)
+        return tuple(jnp.where(result.solved, r, s) for r, s in pairs), result.reach
+    args = (leg, attachment)
+    closest = least_squares(leg_residual, result.start, args)
+    outside = leg.residual(lax.stop_gradient(closest), attachment)
+    inside = fold_distance(leg_residual, result.root, args)
+    # a root in another mode has no residual: it is as far outside as its own fold
+    short = jnp.where(result.converged, inside, safe_sqrt(sum(r * r for r in outside)))
+    short = jnp.maximum(short, jnp.finfo(jnp.result_type(short)).tiny)
+    joints = tuple(jnp.where(result.solved, r, lax.stop_gradient(c)) for r, c in zip(result.root, closest, strict=True))
+    return joints, jnp.where(result.solved, inside, -short)

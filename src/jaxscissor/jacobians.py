@@ -1,0 +1,100 @@
+"""Derivatives of the closure: its Jacobians A and B, and the inverse Jacobian of the robot."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+
+from jaxscissor._legs import place, solve_legs
+from jaxscissor._newton import value_and_jacobian
+from jaxscissor._numerics import Scalar, default_tol, determinant, solve
+from jaxscissor._pytree import as_floats
+from jaxscissor.kinematics import MAX_STEPS, residual
+from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose
+
+
+def closure_jacobians(robot: Mechanism, joints: Any, pose: Any) -> tuple[jax.Array, jax.Array]:
+    """Derivatives of the closure residual, A with respect to the pose and B to the joints.
+
+    A dp + B dq = 0 along every motion [RAL17 eq. 16, ICRA16 eq. 24, after Gosselin and Angeles].
+
+    Args:
+      robot: the robot.
+      joints: ``(n,)`` all joint coordinates.
+      pose: ``(d,)`` pose in the base frame; A is taken with respect to its coordinates, angles included.
+
+    Returns:
+      A ``(m, d)`` and B ``(m, n)``, rows as in ``residual``.
+
+    Raises:
+      ValueError: wrong shapes.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> a, b = js.closure_jacobians(robot, *robot.home()[::-1])
+      >>> a.shape, b.shape
+      ((6, 6), (6, 6))
+    """
+    robot, pose = checked_pose(robot, pose)
+    robot, pose, joints = as_floats(robot, pose, checked_joints(robot, joints))
+    return jax.jacfwd(residual, 2)(robot, joints, pose), jax.jacfwd(residual, 1)(robot, joints, pose)
+
+
+def inverse_jacobian(robot: Mechanism, pose: Any, *, rates: Literal["rpy", "twist"] = "rpy") -> jax.Array:
+    """Derivative of the actuated joints with respect to the pose, in the home mode.
+
+    Built leg by leg, as J_S J_C [ICRA16 eq. 23]: each leg's closure is a small system of its own.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+      rates: ``"rpy"`` for the rates of the pose coordinates; ``"twist"`` for the velocity of the
+        platform's reference point and the angular velocity, both in the base frame, which has no
+        singular angle.
+
+    Returns:
+      ``(m, d)``; ``nan`` where the home mode does not exist, or a leg is singular.
+
+    Raises:
+      ValueError: wrong shape, or unknown ``rates``.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> lift = js.inverse_jacobian(robot, robot.home()[0])[:, 2]
+      >>> bool((lift < 0).all())  # all slides inward is up
+      True
+    """
+    if rates not in ("rpy", "twist"):
+        raise ValueError(f"Got rates={rates!r}; expected 'rpy' or 'twist'.")
+    robot, pose = checked_pose(robot, pose)
+    usable, matrix = twist_jacobian(robot, pose)
+    if rates == "rpy":
+        matrix = matrix @ robot.space.rates_to_twist(pose)
+    return jnp.where(usable, matrix, jnp.nan)
+
+
+@jax.jit
+def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array]:
+    """Whether the home mode is regular at the pose, and d actuated joints / d twist; zero where it is not."""
+    placed = place(robot, pose)
+    results = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
+    still = tuple(jnp.zeros_like(pose[0]) for _ in range(robot.space.dimension))
+
+    def moved(twist):
+        return robot.attachments(*robot.space.retract(placed.position, placed.rotation, twist))
+
+    usable, rows = placed.finite, []
+    for i, (leg, attachment, result) in enumerate(zip(placed.legs, placed.attachments, results, strict=True)):
+        joints = result.value
+        _, by_twist = value_and_jacobian(lambda t, i=i, leg=leg, q=joints: leg.residual(q, moved(t)[i]), still)
+        _, by_joints = value_and_jacobian(lambda q, a=attachment, leg=leg: leg.residual(q, a), joints)
+        regular = result.solved & (determinant(by_joints) != 0)
+        usable = usable & regular
+        safe = [[jnp.where(regular, e, float(j == k)) for k, e in enumerate(r)] for j, r in enumerate(by_joints)]
+        columns = [solve(safe, [-c for c in column]) for column in zip(*by_twist, strict=True)]
+        rows += [jnp.stack(row) for row, a in zip(zip(*columns, strict=True), leg.actuated, strict=True) if a]
+    return usable, jnp.where(usable, jnp.stack(rows), 0)

@@ -1,0 +1,181 @@
+"""Matplotlib pictures: a robot in a pose, its workspace as points and slices, the course of an optimization."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._legs import place
+from jaxscissor._vectors import Vec
+from jaxscissor.design import DesignResult
+from jaxscissor.feasibility import feasibility
+from jaxscissor.kinematics import inverse_kinematics
+from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, split_joints
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LEG_COLORS = ("#1b2a49", "#2f7f93", "#c98a1b", "#7a3b69", "#4f8a4f", "#a05a4a")
+_RAIL_COLOR = "#9a9a9a"
+
+
+def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = None, unit: str = "m") -> Axes:
+    """Draw a robot with all its bars and slides.
+
+    Args:
+      robot: the robot.
+      pose: ``(d,)``; default: home.
+      joints: ``(n,)``; default: by inverse kinematics, or at home.
+      ax: axes to draw on, three-dimensional for spatial robots; default: new ones.
+      unit: of length, for the labels.
+
+    Returns:
+      The axes.
+
+    Raises:
+      ValueError: wrong shapes, or a pose that the home mode does not reach while no joints are given.
+    """
+    home_pose, home_joints = robot.home()
+    if pose is None:
+        pose, joints = home_pose, home_joints if joints is None else joints
+    robot, pose = checked_pose(robot, pose)
+    if joints is None:
+        solution = inverse_kinematics(robot, pose)
+        if not bool(solution.converged):
+            raise ValueError(f"The home mode does not reach the pose {pose}; give joints to draw another mode.")
+        joints = solution.value
+    placed = place(robot, pose)
+    ax = _axes(ax, spatial=robot.space.translations == 3)
+    legs = zip(placed.legs, split_joints(robot, checked_joints(robot, joints)), placed.attachments, strict=True)
+    for number, (leg, q, attachment) in enumerate(legs):
+        color = _LEG_COLORS[number % len(_LEG_COLORS)]
+        _segments(ax, leg.rails(q, attachment), color=_RAIL_COLOR, linewidth=4, solid_capstyle="round", zorder=1)
+        _segments(ax, leg.bars(q, attachment), color=color, linewidth=1.6, marker="o", markersize=2.5)
+    points = [a for a in placed.attachments if isinstance(a, Vec)]
+    if len(points) > 2:
+        outline = np.array([np.asarray(p.array()) for p in [*points, points[0]]])
+        ax.plot(*outline.T, color="black", linewidth=3, solid_joinstyle="round")
+    _finish(ax, robot.space.names[: robot.space.translations], unit)
+    return ax
+
+
+def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", size: float = 2.0) -> Axes:
+    """Cloud of the positions that a robot reaches in its home mode within all limits.
+
+    Args:
+      robot: the robot.
+      poses: ``(n, d)`` poses or a sample of a region; some ten thousand fill a picture.
+      ax: axes to draw on; default: new ones.
+      unit: of length, for the labels.
+      size: of a dot, in points squared.
+
+    Returns:
+      The axes. Dots are shaded by height.
+    """
+    poses = jnp.asarray(poses)
+    reached = jax.jit(jax.vmap(lambda pose: feasibility(robot, pose).margin >= 0))(poses)
+    linear = robot.space.translations
+    points = np.asarray(poses[np.asarray(reached), :linear])
+    ax = _axes(ax, spatial=linear == 3)
+    ax.scatter(*points.T, s=size, c=points[:, -1], cmap="viridis", linewidths=0, rasterized=True)
+    _finish(ax, robot.space.names[:linear], unit)
+    return ax
+
+
+def workspace_slice(
+    robot: Mechanism,
+    pose: Any,
+    axes: tuple[str, str] = ("x", "z"),
+    *,
+    low: Sequence[float],
+    high: Sequence[float],
+    resolution: int = 200,
+    ax: Any = None,
+    unit: str = "m",
+) -> Axes:
+    """Slice of the workspace: where the margin is >= 0 when two pose coordinates vary.
+
+    Args:
+      robot: the robot.
+      pose: ``(d,)``, gives the other coordinates.
+      axes: names of the two coordinates.
+      low, high: ``(2,)`` range of each.
+      resolution: points along each axis.
+      ax: axes to draw on; default: new ones.
+      unit: of length, for the labels.
+
+    Returns:
+      The axes: the workspace grey, its boundary black, thin lines where the margin is 0.05, 0.1, ...
+
+    Raises:
+      ValueError: an unknown coordinate or a wrong shape of the pose.
+    """
+    robot, pose = checked_pose(robot, pose)
+    names = robot.space.names
+    if not set(axes) <= set(names):
+        raise ValueError(f"Got axes {axes}; expected two of {names}.")
+    first, second = (names.index(name) for name in axes)
+    xs, ys = (jnp.linspace(a, b, resolution, dtype=pose.dtype) for a, b in zip(low, high, strict=True))
+
+    def margin(x, y):
+        return feasibility(robot, pose.at[first].set(x).at[second].set(y)).margin
+
+    margins = np.asarray(jax.jit(jax.vmap(jax.vmap(margin, (0, None)), (None, 0)))(xs, ys))
+    ax = _axes(ax, spatial=False)
+    ax.contourf(xs, ys, margins, levels=[0, np.inf], colors=["0.85"])
+    ax.contour(xs, ys, margins, levels=np.arange(0.05, 0.5, 0.05), colors="0.55", linewidths=0.6)
+    ax.contour(xs, ys, margins, levels=[0], colors="black", linewidths=1.5)
+    angular = [names.index(name) >= robot.space.translations for name in axes]
+    for name, is_angle, label in zip(axes, angular, (ax.set_xlabel, ax.set_ylabel), strict=True):
+        label(f"{name} (rad)" if is_angle else f"{name} ({unit})")
+    if not any(angular):
+        ax.set_aspect("equal")
+    return ax
+
+
+def history(result: DesignResult, *, ax: Any = None, label: str = "objective") -> Axes:
+    """Objective over the steps of an optimization, a line per start; hollow where constraints are violated.
+
+    Args:
+      result: of ``optimize_design``.
+      ax: axes to draw on; default: new ones.
+      label: of the vertical axis.
+
+    Returns:
+      The axes.
+    """
+    ax = _axes(ax, spatial=False)
+    values, violated = np.asarray(result.history.objective), np.asarray(result.history.violation) > 1e-3
+    steps = np.arange(len(values))
+    for start, (column, off) in enumerate(zip(values.T, violated.T, strict=True)):
+        color = _LEG_COLORS[start % len(_LEG_COLORS)]
+        ax.plot(steps, column, color=color, linewidth=1.2)
+        ax.plot(steps[off], column[off], "o", color=color, markerfacecolor="white", markersize=4)
+    ax.set_xlabel("step")
+    ax.set_ylabel(label)
+    return ax
+
+
+def _axes(ax: Any, *, spatial: bool) -> Any:
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    return plt.figure().add_subplot(projection="3d" if spatial else None)
+
+
+def _segments(ax: Any, segments: Sequence[tuple[Vec, Vec]], **style: Any) -> None:
+    for a, b in segments:
+        ends = np.stack([np.asarray(a.array()), np.asarray(b.array())])
+        ax.plot(*ends.T, **style)
+
+
+def _finish(ax: Any, names: Sequence[str], unit: str) -> None:
+    for name in names:
+        getattr(ax, f"set_{name}label")(f"{name} ({unit})")
+    ax.locator_params(nbins=5)
+    ax.set_aspect("equal")
