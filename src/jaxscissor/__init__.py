@@ -1,26 +1,26 @@
 """Kinematics of parallel robots with scissor legs, differentiable from end to end."""
 
+from jaxscissor import plot as plot
 from jaxscissor._solution import Solution as Solution
 from jaxscissor._solution import Status as Status
-from jaxscissor.kinematics import forward_kinematics as forward_kinematics
-from jaxscissor.kinematics import inverse_kinematics as inverse_kinematics
-from jaxscissor.kinematics import residual as residual
-from jaxscissor.mechanisms.triple_scissor import SLIDE_ANGLES as SLIDE_ANGLES
-from jaxscissor.mechanisms.triple_scissor import TripleScissorExtender as TripleScissorExtender
-from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor._solution import raise_if_failed as raise_if_failed
 from jaxscissor._solution import status_message as status_message
 from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
+from jaxscissor.design import DesignStatus as DesignStatus
+from jaxscissor.design import optimize_design as optimize_design
 from jaxscissor.dexterity import gear_ratios as gear_ratios
 from jaxscissor.dexterity import height_amplification as height_amplification
 from jaxscissor.feasibility import feasibility as feasibility
 from jaxscissor.jacobians import closure_jacobians as closure_jacobians
 from jaxscissor.jacobians import inverse_jacobian as inverse_jacobian
+from jaxscissor.kinematics import forward_kinematics as forward_kinematics
+from jaxscissor.kinematics import inverse_kinematics as inverse_kinematics
+from jaxscissor.kinematics import residual as residual
+from jaxscissor.mechanisms.triple_scissor import SLIDE_ANGLES as SLIDE_ANGLES
+from jaxscissor.mechanisms.triple_scissor import TripleScissorExtender as TripleScissorExtender
 from jaxscissor.regions import Box as Box
 from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc
+from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
-from jaxscissor import plot as plot
-from jaxscissor.design import DesignStatus as DesignStatus
-from jaxscissor.design import optimize_design as optimize_design

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._newton import implicit, newton
-from jaxscissor._numerics import Scalar, fence
+from jaxscissor._numerics import Scalar
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.mechanisms._contract import Joints, Mechanism, leg_residual, legs_of, split_joints
@@ -35,7 +36,13 @@ class LegResult(NamedTuple):
 
 @jax.jit
 def solve_leg(
-    leg: Any, attachment: Any, home: tuple[Joints, Any], *, guess: Joints | None, tol: Scalar, max_steps: Scalar
+    leg: Any,
+    attachment: Any,
+    home: tuple[Joints, Any],
+    *,
+    guess: Joints | None,
+    tol: Scalar,
+    max_steps: Scalar,
 ) -> LegResult:
     """Solve one leg in the mode of its home (joints, attachment), or in the guess's if a guess is given."""
     args = (leg, attachment)

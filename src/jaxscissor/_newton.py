@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt, solve
 
 Unknowns = tuple[Scalar, ...]
@@ -103,6 +104,7 @@ def _implicit_jvp(residual, primals, tangents):
     root = implicit(residual, root, ok, args)
     _, rows = value_and_jacobian(lambda x: residual(x, args), root)
     _, moved = jax.jvp(lambda a: residual(root, a), (args,), (tangents[2],))
+    rows, moved = fence(rows), fence(moved)
     usable = ok & (determinant(rows) != 0)
     rows = [[jnp.where(usable, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
     return root, solve(rows, [jnp.where(usable, -m, 0) for m in moved])

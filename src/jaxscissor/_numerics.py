@@ -1,4 +1,4 @@
-"""Numerical building blocks: tolerances, guarded functions, small linear systems, the fence."""
+"""Numerical building blocks: tolerances, guarded functions, small linear systems."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 
 from jaxscissor._vectors import Vec
 
@@ -93,34 +92,3 @@ def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scal
 
 def _matrix(rows: Sequence[Sequence[Scalar]]) -> jax.Array:
     return jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in rows])
-
-
-@jax.custom_jvp
-def fence(tree: Any) -> Any:
-    """Identity that the compiler must evaluate once.
-
-    XLA fuses, and every fused output recomputes its producers: the attachments of one pose would cost
-    dozens of sines instead of six. A loop that does not run, but that XLA cannot prove dead, forces its
-    inputs to be stored. (``lax.optimization_barrier`` is dropped before fusion.) It runs once where the
-    first element is infinite, and adds the counter, then zero; a body that is plainly the identity would
-    be seen through.
-    """
-    leaves = jax.tree.leaves(tree)
-    if not leaves:
-        return tree
-    largest = float(jnp.finfo(leaves[0].dtype).max)
-
-    def entered(carry):
-        count, value = carry
-        return (jax.tree.leaves(value)[0].ravel()[0] > largest) & (count < 1)
-
-    def unchanged(carry):
-        count, value = carry
-        return count + 1, jax.tree.map(lambda leaf: leaf + count.astype(leaf.dtype), value)
-
-    return lax.while_loop(entered, unchanged, (jnp.int32(0), jax.tree.map(jnp.asarray, tree)))[1]
-
-
-@fence.defjvp
-def _fence_jvp(primals, tangents):
-    return fence(*primals), tangents[0]

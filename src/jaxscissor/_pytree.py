@@ -7,6 +7,7 @@ from typing import Any, TypeVar, dataclass_transform
 
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 
 T = TypeVar("T")
 
@@ -65,9 +66,7 @@ def unchecked(cls: type[T], **values: Any) -> T:
 
 def is_concrete(tree: Any) -> bool:
     """Whether every leaf holds numbers that can be looked at, as opposed to tracers or placeholders."""
-    return all(
-        isinstance(leaf, jax.Array) and not isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree)
-    )
+    return all(isinstance(leaf, jax.Array) and not isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def float_dtype(*values: Any) -> Any:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxscissor._numerics import Scalar, fence, safe_divide, safe_sqrt
+from jaxscissor._fence import fence
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 
 
 def quartic_roots(a3: Scalar, a2: Scalar, a1: Scalar, a0: Scalar) -> tuple[list[Scalar], list[Scalar]]:

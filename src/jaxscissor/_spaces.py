@@ -8,7 +8,8 @@ from typing import Any, ClassVar, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxscissor._numerics import Scalar, fence, safe_divide, safe_sqrt
+from jaxscissor._fence import fence
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._vectors import Rotation, Vec
 
 

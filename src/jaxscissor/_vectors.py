@@ -6,6 +6,7 @@ trailing axis of length three; unbatched code stays in vector notation.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -101,8 +102,8 @@ class Rotation:
         self.columns = columns
 
     def __matmul__(self, vector: Vec) -> Vec:
-        first, *rest = [c * v for c, v in zip(self.columns, vector.components, strict=True)]
-        return sum(rest, first)
+        parts = [c * v for c, v in zip(self.columns, vector.components, strict=True)]
+        return functools.reduce(Vec.__add__, parts)
 
     def array(self) -> jax.Array:
         """The rotation matrix."""

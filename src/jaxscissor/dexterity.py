@@ -25,7 +25,7 @@ class GearRatios:
 
     translation: jax.Array
     rotation: jax.Array
-    vertical: jax.Array | None
+    vertical: Any
 
 
 def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._legs import LegResult, leg_status, place, solve_leg
 from jaxscissor._newton import fold_distance, least_squares, max_norm
-from jaxscissor._numerics import Scalar, default_tol, fence, safe_sqrt, smallest
+from jaxscissor._numerics import Scalar, default_tol, safe_sqrt, smallest
 from jaxscissor._pytree import pytree
 from jaxscissor._solution import Status
 from jaxscissor.kinematics import MAX_STEPS
@@ -100,7 +101,9 @@ def _worst_leg_jvp(primals, tangents):
     for other, code, leg, tangent in zip(margins[1:], statuses[1:], cases[1:], moved[1:], strict=True):
         less = other < margin
         margin, case, motion = jax.tree.map(
-            lambda new, old, less=less: jnp.where(less, new, old), (other, leg, tangent), (margin, case, motion)
+            lambda new, old, less=less: jnp.where(less, new, old),
+            (other, leg, tangent),
+            (margin, case, motion),
         )
         status = jnp.maximum(status, code)
     gradient = fence(jax.grad(lambda c: _leg_margin(*c)[0])(fence(case)))

@@ -7,12 +7,13 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 
+from jaxscissor._fence import fence
 from jaxscissor._legs import place, solve_legs
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol, determinant, solve
 from jaxscissor._pytree import as_floats
 from jaxscissor.kinematics import MAX_STEPS, residual
-from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose
+from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_joints, checked_pose
 
 
 def closure_jacobians(robot: Mechanism, joints: Any, pose: Any) -> tuple[jax.Array, jax.Array]:
@@ -82,19 +83,39 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
     """Whether the home mode is regular at the pose, and d actuated joints / d twist; zero where it is not."""
     placed = place(robot, pose)
     results = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
-    still = tuple(jnp.zeros_like(pose[0]) for _ in range(robot.space.dimension))
+    platform = _platform_jacobian(robot, placed)
+    usable, rows = placed.finite, []
+    for leg, attachment, result, moved in zip(placed.legs, placed.attachments, results, platform, strict=True):
+        regular, jacobian = leg_jacobian(leg, attachment, result.value)
+        usable = usable & regular & result.solved
+        rows += [row @ moved for row, actuated in zip(jacobian, leg.actuated, strict=True) if actuated]
+    return usable, jnp.where(usable, jnp.stack(rows), 0)
+
+
+@jax.jit
+def leg_jacobian(leg: Any, attachment: Any, joints: Joints) -> tuple[Scalar, jax.Array]:
+    """J_S of one leg: whether it is regular, and d joints / d attachment, ``(joints, numbers)`` [ICRA16 eq. 21]."""
+    numbers, tree = jax.tree.flatten(attachment)
+    _, by_joints = value_and_jacobian(lambda q: leg.residual(q, attachment), joints)
+    _, by_numbers = value_and_jacobian(lambda a: leg.residual(joints, jax.tree.unflatten(tree, a)), tuple(numbers))
+    by_joints, by_numbers = fence((by_joints, by_numbers))
+    regular = determinant(by_joints) != 0
+    safe = [[jnp.where(regular, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(by_joints)]
+    columns = [jnp.stack(solve(safe, [-c for c in column])) for column in zip(*by_numbers, strict=True)]
+    return regular, jnp.stack(columns, axis=-1)
+
+
+def _platform_jacobian(robot: Mechanism, placed: Any) -> list[jax.Array]:
+    """J_C: d attachment / d twist of every leg, ``(numbers, d)`` [ICRA16 eq. 20]."""
+    still = tuple(jnp.zeros_like(placed.pose[0]) for _ in range(robot.space.dimension))
 
     def moved(twist):
-        return robot.attachments(*robot.space.retract(placed.position, placed.rotation, twist))
+        attachments = robot.attachments(*robot.space.retract(placed.position, placed.rotation, twist))
+        return [tuple(jax.tree.leaves(attachment)) for attachment in attachments]
 
-    usable, rows = placed.finite, []
-    for i, (leg, attachment, result) in enumerate(zip(placed.legs, placed.attachments, results, strict=True)):
-        joints = result.value
-        _, by_twist = value_and_jacobian(lambda t, i=i, leg=leg, q=joints: leg.residual(q, moved(t)[i]), still)
-        _, by_joints = value_and_jacobian(lambda q, a=attachment, leg=leg: leg.residual(q, a), joints)
-        regular = result.solved & (determinant(by_joints) != 0)
-        usable = usable & regular
-        safe = [[jnp.where(regular, e, float(j == k)) for k, e in enumerate(r)] for j, r in enumerate(by_joints)]
-        columns = [solve(safe, [-c for c in column]) for column in zip(*by_twist, strict=True)]
-        rows += [jnp.stack(row) for row, a in zip(zip(*columns, strict=True), leg.actuated, strict=True) if a]
-    return usable, jnp.where(usable, jnp.stack(rows), 0)
+    columns = [jax.jvp(moved, (still,), (_basis(still, j),))[1] for j in range(len(still))]
+    return [jnp.stack([jnp.stack(column[i]) for column in columns], axis=-1) for i in range(len(columns[0]))]
+
+
+def _basis(zero: tuple[Scalar, ...], j: int) -> tuple[Scalar, ...]:
+    return tuple(jnp.ones_like(x) if i == j else x for i, x in enumerate(zero))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,10 @@ from jaxscissor._pytree import as_arrays, is_concrete, pytree, static
 class Region:
     """A set of poses as the image of a unit cube. Subclasses are pytrees."""
 
-    unit_dimension: int
+    @property
+    def unit_dimension(self) -> int:
+        """Number of coordinates of the unit cube."""
+        raise NotImplementedError
 
     def from_unit(self, unit: Any) -> jax.Array:
         """Pose ``(d,)`` of a point ``(unit_dimension,)`` of the unit cube."""
@@ -142,7 +145,7 @@ class Cylinder(Region):
             object.__setattr__(self, name, value)
 
     @property
-    def unit_dimension(self) -> int:  # type: ignore[override]
+    def unit_dimension(self) -> int:
         """3 for one orientation, 6 for a range."""
         return 3 if self.orientation.ndim == 1 else 6
 
@@ -185,7 +188,7 @@ class Box(Region):
         object.__setattr__(self, "high", high)
 
     @property
-    def unit_dimension(self) -> int:  # type: ignore[override]
+    def unit_dimension(self) -> int:
         """The dimension of the poses."""
         return self.low.shape[0]
 
@@ -216,8 +219,6 @@ class Disc(Region):
     low_angle: Any
     high_angle: Any
 
-    unit_dimension: ClassVar[int] = 3
-
     def __post_init__(self):
         center, radius, low, high = as_arrays(self.center, self.radius, self.low_angle, self.high_angle)
         if center.shape != (2,):
@@ -226,6 +227,11 @@ class Disc(Region):
             raise ValueError(f"Got radius {radius} and angles {low} to {high}; expected radius > 0 and low <= high.")
         for name, value in (("center", center), ("radius", radius), ("low_angle", low), ("high_angle", high)):
             object.__setattr__(self, name, value)
+
+    @property
+    def unit_dimension(self) -> int:
+        """Radius, direction, angle."""
+        return 3
 
     def from_unit(self, unit: jax.Array) -> jax.Array:
         """Pose (x, y, alpha) of a point (radius, direction, angle) of the unit cube."""

@@ -10,7 +10,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import Tracer
 
+from jaxscissor._fence import fence
 from jaxscissor._pytree import as_floats, float_dtype, pytree
 from jaxscissor.feasibility import feasibility
 from jaxscissor.mechanisms._contract import Mechanism
@@ -127,7 +129,7 @@ def _without_size(sample: Any) -> Any:
 
 
 def _is_traced(*trees: Any) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def _blocks(chunks: int) -> list[tuple[int, int]]:
@@ -149,7 +151,7 @@ def _chunk_poses(sample: Any, index: jax.Array, chunk: int, size: jax.Array) -> 
     """Poses of chunk number ``index`` and which of them count, the last chunk being filled up."""
     numbers = index * jnp.uint32(chunk) + jnp.arange(chunk, dtype=jnp.uint32)
     counted = numbers < size
-    return sample.poses(jnp.where(counted, numbers, 0)), counted
+    return fence(sample.poses(jnp.where(counted, numbers, 0))), counted
 
 
 @partial(jax.jit, static_argnums=5)
@@ -163,7 +165,6 @@ def _count(robot, sample, size, first, last, chunk: int) -> jax.Array:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-@partial(jax.jit, static_argnums=0)
 def _soft(chunk: int, robot, sample, size, sharpness) -> jax.Array:
     def step(index, total):
         return total + _soft_chunk(robot, sample, size, sharpness, index, chunk)

@@ -1,0 +1,1 @@
+"""Robots, one file per family, and the contract that they fulfil."""

@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._newton import implicit, newton
-from jaxscissor._numerics import Scalar, fence, limit_margins, safe_divide, safe_sqrt, tiny
+from jaxscissor._numerics import Scalar, limit_margins, safe_divide, safe_sqrt, tiny
 from jaxscissor._pytree import pytree, unchecked
 from jaxscissor._quartic import quartic_roots
 from jaxscissor._vectors import Vec
@@ -197,7 +198,7 @@ class ScissorLeg(Leg):
         a, b, rho2, p2, m2 = self._conics(attachment)
         linear = (2 * p2 - 0.5) * a
         constant = rho2 - 1 + (p2 - 0.5) * a**2 + (m2 - 0.5) * b**2
-        return _Profile(a, b, p2, linear, constant, (2 * m2 - 0.5) * a * b**2, m2 * (a * b) ** 2)
+        return _Profile(*fence((a, b, p2, linear, constant, (2 * m2 - 0.5) * a * b**2, m2 * (a * b) ** 2)))
 
 
 def _residual(joints: Joints, args) -> Joints:

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, safe_sqrt
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._spaces import SE3
@@ -60,10 +61,10 @@ class TripleScissorExtender(Mechanism):
       ((6,), (6,))
     """
 
-    link_lengths: jax.Array = quantity("m")
-    actuator_angle: jax.Array = quantity("rad")
-    actuator_radius: jax.Array = quantity("m")
-    top_radius: jax.Array = quantity("m")
+    link_lengths: Any = quantity("m")
+    actuator_angle: Any = quantity("rad")
+    actuator_radius: Any = quantity("m")
+    top_radius: Any = quantity("m")
     top_offset: Any = quantity("m", default=0.0)
     base_offset: Any = quantity("m", default=0.0)
     stroke: Any = quantity("m", default=(0.0, math.inf))
@@ -86,9 +87,7 @@ class TripleScissorExtender(Mechanism):
             _check(self)
 
     @classmethod
-    def from_ratios(
-        cls, k1: Any, k2: Any, k3: Any, k4: Any, length: Any = 1.0, **limits: Any
-    ) -> TripleScissorExtender:
+    def from_ratios(cls, k1: Any, k2: Any, k3: Any, k4: Any, length: Any = 1.0, **limits: Any) -> TripleScissorExtender:
         """Robot with k1 = l0/L, k2 = eta, k3 = actuator_radius/L, k4 = top_radius/L [RAL17 IV-B].
 
         Args:
@@ -165,6 +164,7 @@ class TripleScissorExtender(Mechanism):
         outward, tangent = Vec(cosine, sine, level), Vec(sine, -cosine, level)
         along, across = jnp.cos(self.actuator_angle), jnp.sin(self.actuator_angle)
         upper, scissor = self.link_lengths[1:], self.scissor
+        narrow, wide = self._widths()
 
         def each(value):
             return jnp.broadcast_to(value, (3, *value.shape))
@@ -177,20 +177,18 @@ class TripleScissorExtender(Mechanism):
             slide_a=tangent * along + outward * across,
             slide_b=tangent * -along + outward * across,
             stroke=(each(self.stroke[0]), each(self.stroke[1])),
-            widths=tuple(each(width) for width in self._widths()),
+            widths=(each(narrow), each(wide)),
         )
 
     def attachments(self, position: Vec, rotation: Rotation) -> list[Vec]:
         """The three apices, in the base frame [RAL17 eq. 3]."""
-        cosine, sine = jnp.cos(self.azimuths), jnp.sin(self.azimuths)
-        return [
-            position + rotation @ Vec(self.top_radius * cosine[i], self.top_radius * sine[i], -self.top_offset)
-            for i in range(3)
-        ]
+        radius, azimuths = self.top_radius, self.azimuths
+        corners = fence([radius * jnp.cos(azimuths), radius * jnp.sin(azimuths)])
+        return [position + rotation @ Vec(corners[0][i], corners[1][i], -self.top_offset) for i in range(3)]
 
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Level on the axis, slides in the middle of what stroke, stops and the home mode allow."""
-        reach, low, high, height2 = self._home()
+        low, high, height2 = self._home()
         slide = (low + high) / 4
         height = safe_sqrt(height2) + self.base_offset + self.top_offset
         zero = jnp.zeros_like(height)
@@ -201,7 +199,7 @@ class TripleScissorExtender(Mechanism):
         return full * jnp.cos(self.scissor_angle[1]), full * jnp.cos(self.scissor_angle[0])
 
     def _home(self):
-        """Outward reach of the apex, limits of s_A + s_B on the axis, and z^2 in their middle."""
+        """Limits of s_A + s_B on the axis, and the apex's squared height above the slides in their middle."""
         along, across = jnp.cos(self.actuator_angle), jnp.sin(self.actuator_angle)
         reach = self.top_radius - self.actuator_radius
         narrow, wide = self._widths()
@@ -209,7 +207,7 @@ class TripleScissorExtender(Mechanism):
         high = jnp.minimum(2 * self.stroke[1], wide / along)
         middle = (low + high) / 2
         height2 = self.scissor.height(middle * along) ** 2 - (reach - middle * across / 2) ** 2
-        return reach, low, high, height2
+        return low, high, height2
 
 
 def _check(robot: TripleScissorExtender) -> None:
@@ -237,7 +235,7 @@ def _check(robot: TripleScissorExtender) -> None:
         (stops[0] >= 0) & (stops[0] < stops[1]) & (stops[1] <= jnp.asarray(math.pi / 2, stops.dtype)),
         f"Got scissor_angle = {stops} rad; expected 0 <= least < greatest <= pi/2. Angles are in radians.",
     )
-    _, low, high, height2 = robot._home()
+    low, high, height2 = robot._home()
     require(
         (low < high) & (height2 > 0),
         f"No level pose on the axis: s_A + s_B would have to lie between {low} and {high} and the squared height "
