@@ -24,3 +24,11 @@ from jaxscissor.regions import Disc as Disc
 from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
+from jaxscissor._pytree import pytree as pytree
+from jaxscissor._spaces import R3 as R3
+from jaxscissor._spaces import SE2 as SE2
+from jaxscissor._spaces import SE3 as SE3
+from jaxscissor._vectors import Rotation as Rotation
+from jaxscissor._vectors import Vec as Vec
+from jaxscissor.mechanisms._contract import Leg as Leg
+from jaxscissor.mechanisms._contract import Mechanism as Mechanism

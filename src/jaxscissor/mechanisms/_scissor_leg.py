@@ -72,7 +72,8 @@ class ScissorLeg(Leg):
       origin: where the slides meet, in the base frame.
       slide_a, slide_b: unit directions of the slides, in the base frame.
       stroke: least and greatest slide coordinate.
-      widths: least and greatest distance of the feet, 2 l0 cos of the scissor-angle stops.
+      lowest, narrowest: L sin of the lower and 2 l0 cos of the upper scissor-angle stop. A stop is judged
+        by the height or the width, whichever moves with the angle there.
     """
 
     base_link: Scalar
@@ -82,7 +83,8 @@ class ScissorLeg(Leg):
     slide_a: Vec
     slide_b: Vec
     stroke: tuple[Scalar, Scalar]
-    widths: tuple[Scalar, Scalar]
+    lowest: Scalar
+    narrowest: Scalar
 
     actuated = (True, True)
 
@@ -111,12 +113,15 @@ class ScissorLeg(Leg):
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """Slides within their stroke, scissor within its stops, apex above the slides; in units of L and 2 l0."""
-        base = self.slide_a * joints[0] - self.slide_b * joints[1]
-        width = safe_sqrt(base.dot(base))
+        foot_a, foot_b = self.slide_a * joints[0], self.slide_b * joints[1]
+        base = foot_a - foot_b
+        axis = attachment - self.origin - (foot_a + foot_b) * 0.5
+        width, height = safe_sqrt(base.dot(base)), safe_sqrt(axis.dot(axis))
         return (
             *limit_margins(joints[0], *self.stroke, self.length),
             *limit_margins(joints[1], *self.stroke, self.length),
-            *limit_margins(width, *self.widths, 2 * self.base_link),
+            (height - self.lowest) / self.length,
+            (width - self.narrowest) / (2 * self.base_link),
             (attachment.z - self.origin.z) / self.length,
         )
 
@@ -174,7 +179,7 @@ class ScissorLeg(Leg):
         """Both slides, as far as the stroke lets the feet go, or if it does not end, the scissor at rest."""
         low, high = self.stroke
         apart = self.slide_a - self.slide_b
-        widest = self.widths[1] * safe_divide(1, safe_sqrt(apart.dot(apart)))
+        widest = 2 * self.base_link * safe_divide(1, safe_sqrt(apart.dot(apart)))
         ends = [jnp.where(jnp.isfinite(high), high, jnp.maximum(widest, s)) for s in joints]
         rails = zip((self.slide_a, self.slide_b), ends, strict=True)
         return [(self.origin + slide * low, self.origin + slide * end) for slide, end in rails]

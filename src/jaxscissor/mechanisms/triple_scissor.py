@@ -164,7 +164,6 @@ class TripleScissorExtender(Mechanism):
         outward, tangent = Vec(cosine, sine, level), Vec(sine, -cosine, level)
         along, across = jnp.cos(self.actuator_angle), jnp.sin(self.actuator_angle)
         upper, scissor = self.link_lengths[1:], self.scissor
-        narrow, wide = self._widths()
 
         def each(value):
             return jnp.broadcast_to(value, (3, *value.shape))
@@ -177,7 +176,8 @@ class TripleScissorExtender(Mechanism):
             slide_a=tangent * along + outward * across,
             slide_b=tangent * -along + outward * across,
             stroke=(each(self.stroke[0]), each(self.stroke[1])),
-            widths=(each(narrow), each(wide)),
+            lowest=each(scissor.length * jnp.sin(self.scissor_angle[0])),
+            narrowest=each(self._widths()[0]),
         )
 
     def attachments(self, position: Vec, rotation: Rotation) -> list[Vec]:

@@ -1,0 +1,70 @@
+"""Settings of all tests, and the one table of robots that every contract test runs over."""
+
+import os
+
+import jax
+import jax.numpy as jnp
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import settings
+
+import jaxscissor as js
+from tests.toys import LinearDelta, Planar3RPR, ThreePRS
+
+matplotlib.use("Agg")
+jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64", "1") != "0")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+settings.register_profile("default", deadline=None, derandomize=True, max_examples=40)
+settings.load_profile("default")
+
+
+def tse_star() -> js.TripleScissorExtender:
+    return js.TripleScissorExtender.from_ratios(0.35, js.SLIDE_ANGLES["star"], 0.25, 0.1, length=2.0)
+
+
+def tse_clockwise() -> js.TripleScissorExtender:
+    third = 2 * np.pi / 3
+    return js.TripleScissorExtender.from_ratios(0.3, -0.3, 0.2, 0.1, azimuths=(0.0, -third, third))
+
+
+ROBOTS = {
+    "tse_prototype": js.TripleScissorExtender.prototype,
+    "tse_laboratory": js.TripleScissorExtender.laboratory,
+    "tse_star": tse_star,
+    "tse_clockwise": tse_clockwise,
+    "planar_3rpr": Planar3RPR.example,
+    "three_prs": ThreePRS.example,
+    "linear_delta": LinearDelta.example,
+}
+
+
+@pytest.fixture(params=ROBOTS)
+def robot(request):
+    """Each robot of the table in turn."""
+    return ROBOTS[request.param]()
+
+
+@pytest.fixture
+def prototype():
+    return js.TripleScissorExtender.prototype()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20260)
+
+
+@pytest.fixture
+def random_poses(rng):
+    """``random_poses(robot, n)``: poses of the paper's cylinder with tilts to 30 deg."""
+
+    def draw(robot, n):
+        length = float(robot.length)
+        radius, angle = rng.uniform(0, length / 2, n), rng.uniform(0, 2 * np.pi, n)
+        tilt = rng.uniform(-np.pi / 6, np.pi / 6, (n, 3))
+        height = rng.uniform(0, length, n)
+        return jnp.asarray(np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height, tilt]))
+
+    return draw

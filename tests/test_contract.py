@@ -1,0 +1,226 @@
+"""What every robot owes the library, written once and run for each of them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxscissor as js
+from jaxscissor.mechanisms._contract import actuation
+
+DIFFERENCE = 1e-6
+
+
+def actuated(robot, joints):
+    return joints[..., np.array(actuation(robot))]
+
+
+def shaken_joints(robot, rng, n, size=0.03):
+    """Actuated joints near home, which the robot can take."""
+    home = np.asarray(actuated(robot, robot.home()[1]))
+    return jnp.asarray(home + float(robot.length) * size * rng.uniform(-1, 1, (n, len(home))))
+
+
+def reachable_poses(robot, rng, n):
+    solution = jax.vmap(js.forward_kinematics, (None, 0))(robot, shaken_joints(robot, rng, n))
+    assert bool(solution.converged.all())
+    return solution.value
+
+
+def central_differences(function, at, step=DIFFERENCE):
+    columns = [(function(at + step * e) - function(at - step * e)) / (2 * step) for e in np.eye(len(at))]
+    return np.stack(columns, axis=-1)
+
+
+def close(a, b, tol):
+    a, b = np.asarray(a), np.asarray(b)
+    return np.abs(a - b).max() <= tol * max(1.0, np.abs(b).max())
+
+
+def test_home_closes_and_is_found_again(robot):
+    pose, joints = robot.home()
+    assert np.abs(js.residual(robot, joints, pose)).max() < 1e-12
+    solution = js.inverse_kinematics(robot, pose)
+    assert bool(solution.converged) and close(solution.value, joints, 1e-12)
+    assert float(js.feasibility(robot, pose).margin) > 0
+
+
+def test_shapes_are_those_documented(robot):
+    pose, joints = robot.home()
+    d, n, m = robot.space.dimension, len(actuation(robot)), sum(actuation(robot))
+    rows = js.residual(robot, joints, pose).shape[0]
+    assert pose.shape == (d,) and joints.shape == (n,)
+    a, b = js.closure_jacobians(robot, joints, pose)
+    assert a.shape == (rows, d) and b.shape == (rows, n)
+    assert js.inverse_jacobian(robot, pose).shape == (m, d)
+    assert js.inverse_kinematics(robot, pose).value.shape == (n,)
+    assert js.forward_kinematics(robot, actuated(robot, joints)).value.shape == (d,)
+    assert js.feasibility(robot, pose).margin.shape == ()
+    assert js.gear_ratios(robot, pose).translation.shape == (robot.space.translations,)
+
+
+def test_inverse_of_forward_is_identity(robot, rng):
+    joints = shaken_joints(robot, rng, 50)
+    poses = jax.vmap(js.forward_kinematics, (None, 0))(robot, joints)
+    assert bool(poses.converged.all())
+    back = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses.value)
+    assert bool(back.converged.all())
+    assert close(actuated(robot, back.value), joints, 1e-11)
+    assert float(back.residual_norm.max()) < 1e-12
+
+
+def test_closure_jacobians_are_the_differences_of_the_residual(robot, rng):
+    pose = reachable_poses(robot, rng, 1)[0]
+    joints = js.inverse_kinematics(robot, pose).value
+    a, b = js.closure_jacobians(robot, joints, pose)
+    assert close(a, central_differences(lambda p: js.residual(robot, joints, p), pose), 1e-8)
+    assert close(b, central_differences(lambda q: js.residual(robot, q, pose), joints), 1e-8)
+
+
+def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_differences(robot, rng):
+    joints = shaken_joints(robot, rng, 1)[0]
+
+    def solve(q):
+        return js.forward_kinematics(robot, q).value
+
+    forward, reverse = jax.jacfwd(solve)(joints), jax.jacrev(solve)(joints)
+    assert close(forward, reverse, 1e-12)
+    assert close(forward, central_differences(solve, joints), 1e-7)
+
+
+def test_inverse_jacobian_inverts_the_forward_one(robot, rng):
+    joints = shaken_joints(robot, rng, 1)[0]
+    pose = js.forward_kinematics(robot, joints).value
+    forward = jax.jacfwd(lambda q: js.forward_kinematics(robot, q).value)(joints)
+    assert close(js.inverse_jacobian(robot, pose) @ forward, np.eye(len(joints)), 1e-9)
+    rates = robot.space.rates_to_twist(pose)
+    assert close(js.inverse_jacobian(robot, pose, rates="twist") @ rates @ forward, np.eye(len(joints)), 1e-9)
+
+
+def test_every_dimension_has_the_derivative_of_the_differences(robot, rng):
+    joints = shaken_joints(robot, rng, 1)[0]
+    leaves, tree = jax.tree.flatten(robot)
+
+    def solve(numbers):
+        return js.forward_kinematics(jax.tree.unflatten(tree, numbers), joints).value
+
+    for i, leaf in enumerate(leaves):
+        if not bool(jnp.all(jnp.isfinite(leaf))):
+            continue
+
+        def along(x, i=i, leaf=leaf):
+            return solve([*leaves[:i], x.reshape(leaf.shape), *leaves[i + 1 :]])
+
+        flat = leaf.ravel()
+        forward, reverse = jax.jacfwd(along)(flat), jax.jacrev(along)(flat)
+        assert close(forward, reverse, 1e-11)
+        assert close(forward, central_differences(along, flat), 1e-7)
+
+
+def test_second_derivatives_agree_with_differences_of_the_first(robot, rng):
+    joints = shaken_joints(robot, rng, 1)[0]
+
+    def scalar(q):
+        return jnp.sum(js.forward_kinematics(robot, q).value ** 2)
+
+    hessian = jax.hessian(scalar)(joints)
+    assert close(hessian, hessian.T, 1e-10)
+    assert close(hessian, central_differences(jax.grad(scalar), joints), 1e-5)
+
+
+def test_jit_equals_eager_and_vmap_equals_a_loop(robot, rng):
+    poses = reachable_poses(robot, rng, 4)
+    batch = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))(robot, poses)
+    for pose, value in zip(poses, batch.value, strict=True):
+        assert close(js.inverse_kinematics(robot, pose).value, value, 1e-13)
+
+
+def test_a_failed_lane_neither_raises_nor_leaks(robot, rng):
+    poses = jnp.concatenate([reachable_poses(robot, rng, 2), jnp.full((1, robot.space.dimension), jnp.nan)])
+    poses = poses.at[1, 0].add(100 * robot.length)
+
+    def masked(robot):
+        solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
+        return jnp.sum(jnp.where(solution.converged[:, None], solution.value, 0))
+
+    solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
+    assert solution.status[0] == js.Status.CONVERGED
+    assert solution.status[1] in (js.Status.NO_SOLUTION, js.Status.MAX_STEPS) or robot.space is js.SE2
+    assert solution.status[2] == js.Status.NONFINITE
+    gradient = jax.jit(jax.grad(masked))(robot)
+    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(gradient))
+    assert js.feasibility(robot, poses[2]).margin == -jnp.inf
+
+
+def test_float32_stays_float32_and_integers_become_floats(robot):
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), robot)
+    pose, joints = single.home()
+    functions = [
+        lambda: js.inverse_kinematics(single, pose).value,
+        lambda: js.forward_kinematics(single, actuated(single, joints)).value,
+        lambda: js.inverse_jacobian(single, pose),
+        lambda: js.residual(single, joints, pose),
+        lambda: js.feasibility(single, pose).margin,
+        lambda: js.gear_ratios(single, pose).translation,
+    ]
+    for function in functions:
+        value = function()
+        assert value.dtype == jnp.float32 and bool(jnp.all(jnp.isfinite(value)))
+    assert bool(js.inverse_kinematics(single, pose).converged)
+    whole = js.inverse_kinematics(robot, np.zeros(robot.space.dimension, int)).value
+    assert whole.dtype == jnp.result_type(float)
+
+
+def test_another_design_does_not_trace_again(robot):
+    count = 0
+
+    @jax.jit
+    def solve(robot, pose):
+        nonlocal count
+        count += 1
+        return js.inverse_kinematics(robot, pose).value
+
+    pose = robot.home()[0]
+    for factor in (1.0, 1.001, 1.002):
+        solve(jax.tree.map(lambda leaf, f=factor: leaf * jnp.asarray(f, leaf.dtype), robot), pose)
+    assert count == 1
+
+
+def test_wrong_shapes_are_refused_with_what_was_expected(robot):
+    d = robot.space.dimension
+    with pytest.raises(ValueError, match=rf"shape \({d + 1},\).*expects \({d},\)"):
+        js.inverse_kinematics(robot, np.zeros(d + 1))
+    with pytest.raises(ValueError, match="jax.vmap"):
+        js.inverse_kinematics(robot, np.zeros((2, d)))
+    with pytest.raises(ValueError, match="actuated joints of shape"):
+        js.forward_kinematics(robot, np.zeros(17))
+    with pytest.raises(ValueError, match="joints of shape"):
+        js.inverse_kinematics(robot, robot.home()[0], guess=np.zeros(17))
+
+
+def test_an_empty_batch_gives_an_empty_answer(robot):
+    empty = jnp.zeros((0, robot.space.dimension))
+    assert jax.vmap(js.inverse_kinematics, (None, 0))(robot, empty).value.shape[0] == 0
+    with pytest.raises(ValueError, match="no poses"):
+        js.workspace_fraction(robot, empty)
+
+
+def test_the_margin_is_continuous_and_changes_sign_at_the_boundary(robot, rng):
+    home = robot.home()[0]
+    if robot.constraints(*robot.space.place(home)):
+        pytest.skip("a lower-mobility robot leaves its poses in every direction but its own")
+    margins = jax.jit(jax.vmap(lambda pose: js.feasibility(robot, pose).margin))
+    for _ in range(6):
+        way = np.zeros(len(home))
+        way[: robot.space.translations] = rng.normal(size=robot.space.translations)
+        way *= 1.5 * float(robot.length) / np.linalg.norm(way)
+        line = np.asarray(margins(np.asarray(home) + np.linspace(0, 1, 4001)[:, None] * way))
+        assert line[0] > 0 > line[-1]
+        assert np.abs(np.diff(line)).max() < 0.03, "a jump"
+
+
+def test_the_table_of_dimensions_names_every_field(robot):
+    text = repr(robot)
+    assert all(field.name in text for field in dataclasses.fields(robot))
