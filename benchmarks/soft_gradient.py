@@ -52,7 +52,7 @@ def crossings(theta, axis, rays, cells):
     return found
 
 
-def boundary_derivative(theta, rays, cells=400, step=1e-6):
+def boundary_derivative(theta, rays, cells=3200, step=1e-7):
     """Derivative of the hard fraction: the boundary integral of the margin's change over its gradient.
 
     Each axis takes the part m_i^2 / |grad m|^2 of the boundary, so that no ray has to be tangent to it.
@@ -86,9 +86,9 @@ def designs(count, seed=0):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rays", type=int, default=20_000, help="along each axis")
-    parser.add_argument("--poses", type=int, default=4_000_000)
-    parser.add_argument("--sharpness", type=float, nargs="+", default=[100.0, 200.0, 400.0, 800.0])
+    parser.add_argument("--rays", type=int, default=8_000, help="along each axis")
+    parser.add_argument("--poses", type=int, default=32_000_000)
+    parser.add_argument("--sharpness", type=float, nargs="+", default=[400.0])
     args = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     samples = [js.Cylinder(0.5, 1.0).quasi_random(args.poses, seed) for seed in range(2)]

@@ -20,10 +20,6 @@ settings.register_profile("default", deadline=None, derandomize=True, max_exampl
 settings.load_profile("default")
 
 
-def tse_star() -> js.TripleScissorExtender:
-    return js.TripleScissorExtender.from_ratios(0.35, js.SLIDE_ANGLES["star"], 0.25, 0.1, length=2.0)
-
-
 def tse_clockwise() -> js.TripleScissorExtender:
     third = 2 * np.pi / 3
     return js.TripleScissorExtender.from_ratios(0.3, -0.3, 0.2, 0.1, azimuths=(0.0, -third, third))
@@ -31,8 +27,6 @@ def tse_clockwise() -> js.TripleScissorExtender:
 
 ROBOTS = {
     "tse_prototype": js.TripleScissorExtender.prototype,
-    "tse_laboratory": js.TripleScissorExtender.laboratory,
-    "tse_star": tse_star,
     "tse_clockwise": tse_clockwise,
     "planar_3rpr": Planar3RPR.example,
     "three_prs": ThreePRS.example,

@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -82,10 +83,11 @@ def test_closure_jacobians_are_the_differences_of_the_residual(robot, rng):
 def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_differences(robot, rng):
     joints = shaken_joints(robot, rng, 1)[0]
 
+    @jax.jit
     def solve(q):
         return js.forward_kinematics(robot, q).value
 
-    forward, reverse = jax.jacfwd(solve)(joints), jax.jacrev(solve)(joints)
+    forward, reverse = jax.jit(jax.jacfwd(solve))(joints), jax.jit(jax.jacrev(solve))(joints)
     assert close(forward, reverse, 1e-12)
     assert close(forward, central_differences(solve, joints), 1e-7)
 
@@ -93,7 +95,7 @@ def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_difference
 def test_inverse_jacobian_inverts_the_forward_one(robot, rng):
     joints = shaken_joints(robot, rng, 1)[0]
     pose = js.forward_kinematics(robot, joints).value
-    forward = jax.jacfwd(lambda q: js.forward_kinematics(robot, q).value)(joints)
+    forward = jax.jit(jax.jacfwd(lambda q: js.forward_kinematics(robot, q).value))(joints)
     assert close(js.inverse_jacobian(robot, pose) @ forward, np.eye(len(joints)), 1e-9)
     rates = robot.space.rates_to_twist(pose)
     assert close(js.inverse_jacobian(robot, pose, rates="twist") @ rates @ forward, np.eye(len(joints)), 1e-9)
@@ -101,22 +103,16 @@ def test_inverse_jacobian_inverts_the_forward_one(robot, rng):
 
 def test_every_dimension_has_the_derivative_of_the_differences(robot, rng):
     joints = shaken_joints(robot, rng, 1)[0]
-    leaves, tree = jax.tree.flatten(robot)
+    numbers, rebuild = jax.flatten_util.ravel_pytree(robot)
 
+    @jax.jit
     def solve(numbers):
-        return js.forward_kinematics(jax.tree.unflatten(tree, numbers), joints).value
+        return js.forward_kinematics(rebuild(numbers), joints).value
 
-    for i, leaf in enumerate(leaves):
-        if not bool(jnp.all(jnp.isfinite(leaf))):
-            continue
-
-        def along(x, i=i, leaf=leaf):
-            return solve([*leaves[:i], x.reshape(leaf.shape), *leaves[i + 1 :]])
-
-        flat = leaf.ravel()
-        forward, reverse = jax.jacfwd(along)(flat), jax.jacrev(along)(flat)
-        assert close(forward, reverse, 1e-11)
-        assert close(forward, central_differences(along, flat), 1e-7)
+    forward, reverse = jax.jit(jax.jacfwd(solve))(numbers), jax.jit(jax.jacrev(solve))(numbers)
+    assert close(forward, reverse, 1e-11)
+    assert close(forward, central_differences(solve, numbers), 1e-7)
+    assert np.abs(forward).max() > 0.1
 
 
 def test_second_derivatives_agree_with_differences_of_the_first(robot, rng):
@@ -125,9 +121,9 @@ def test_second_derivatives_agree_with_differences_of_the_first(robot, rng):
     def scalar(q):
         return jnp.sum(js.forward_kinematics(robot, q).value ** 2)
 
-    hessian = jax.hessian(scalar)(joints)
+    hessian = jax.jit(jax.hessian(scalar))(joints)
     assert close(hessian, hessian.T, 1e-10)
-    assert close(hessian, central_differences(jax.grad(scalar), joints), 1e-5)
+    assert close(hessian, central_differences(jax.jit(jax.grad(scalar)), joints), 1e-5)
 
 
 def test_jit_equals_eager_and_vmap_equals_a_loop(robot, rng):
@@ -192,7 +188,7 @@ def test_wrong_shapes_are_refused_with_what_was_expected(robot):
     d = robot.space.dimension
     with pytest.raises(ValueError, match=rf"shape \({d + 1},\).*expects \({d},\)"):
         js.inverse_kinematics(robot, np.zeros(d + 1))
-    with pytest.raises(ValueError, match="jax.vmap"):
+    with pytest.raises(ValueError, match=r"jax\.vmap"):
         js.inverse_kinematics(robot, np.zeros((2, d)))
     with pytest.raises(ValueError, match="actuated joints of shape"):
         js.forward_kinematics(robot, np.zeros(17))

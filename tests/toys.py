@@ -44,9 +44,7 @@ class Planar3RPR(js.Mechanism):
 
     @classmethod
     def example(cls):
-        return cls(
-            jnp.array([[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]]), jnp.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]])
-        )
+        return cls(jnp.array([[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]]), jnp.array([[-0.2, -0.1], [0.2, -0.1], [0.0, 0.2]]))
 
     @property
     def length(self):
@@ -146,10 +144,13 @@ class DeltaLeg(js.Leg):
         across2 = bar.x**2 + bar.y**2
         return (bar.z + jnp.sqrt(jnp.maximum(self.rod**2 - across2, 1e-4 * self.rod**2)),), None
 
+    def margins(self, joints, attachment):
+        return (joints[0] / self.rod, 2 - joints[0] / self.rod)
+
 
 @js.pytree
 class LinearDelta(js.Mechanism):
-    """Linear delta: (x, y, z) by three vertical slides; no limits but the rods themselves."""
+    """Linear delta: (x, y, z) by three vertical slides; slides of twice a rod's length."""
 
     radius: jax.Array
     rod: jax.Array

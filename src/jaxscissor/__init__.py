@@ -1,10 +1,18 @@
 """Kinematics of parallel robots with scissor legs, differentiable from end to end."""
 
+import importlib.metadata
+
 from jaxscissor import plot as plot
+from jaxscissor._pytree import pytree as pytree
 from jaxscissor._solution import Solution as Solution
 from jaxscissor._solution import Status as Status
 from jaxscissor._solution import raise_if_failed as raise_if_failed
 from jaxscissor._solution import status_message as status_message
+from jaxscissor._spaces import R3 as R3
+from jaxscissor._spaces import SE2 as SE2
+from jaxscissor._spaces import SE3 as SE3
+from jaxscissor._vectors import Rotation as Rotation
+from jaxscissor._vectors import Vec as Vec
 from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
 from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import optimize_design as optimize_design
@@ -16,6 +24,8 @@ from jaxscissor.jacobians import inverse_jacobian as inverse_jacobian
 from jaxscissor.kinematics import forward_kinematics as forward_kinematics
 from jaxscissor.kinematics import inverse_kinematics as inverse_kinematics
 from jaxscissor.kinematics import residual as residual
+from jaxscissor.mechanisms._contract import Leg as Leg
+from jaxscissor.mechanisms._contract import Mechanism as Mechanism
 from jaxscissor.mechanisms.triple_scissor import SLIDE_ANGLES as SLIDE_ANGLES
 from jaxscissor.mechanisms.triple_scissor import TripleScissorExtender as TripleScissorExtender
 from jaxscissor.regions import Box as Box
@@ -24,11 +34,5 @@ from jaxscissor.regions import Disc as Disc
 from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
-from jaxscissor._pytree import pytree as pytree
-from jaxscissor._spaces import R3 as R3
-from jaxscissor._spaces import SE2 as SE2
-from jaxscissor._spaces import SE3 as SE3
-from jaxscissor._vectors import Rotation as Rotation
-from jaxscissor._vectors import Vec as Vec
-from jaxscissor.mechanisms._contract import Leg as Leg
-from jaxscissor.mechanisms._contract import Mechanism as Mechanism
+
+__version__ = importlib.metadata.version("jaxscissor")

@@ -48,15 +48,15 @@ def solve_leg(
     args = (leg, attachment)
     start, reach = leg.start(attachment) if guess is None else (guess, None)
     active = jnp.asarray(True) if reach is None else lax.stop_gradient(reach) >= 0
-    root, norm, steps = newton(leg_residual, start, args, tol=tol, max_steps=max_steps, active=active)
-    converged = active & (norm <= tol)
+    root, error, steps = newton(leg_residual, start, args, tol=tol, max_steps=max_steps, active=active)
+    converged = active & (error <= tol)
     root = implicit(leg_residual, root, converged, args)
     if reach is None:
         wanted = leg.mode(*home) if guess is None else leg.mode(guess, attachment)
         solved = converged & (leg.mode(root, attachment) == wanted)
     else:
         solved = converged
-    return LegResult(root, start, solved, converged, reach, norm, steps)
+    return LegResult(root, start, solved, converged, reach, error, steps)
 
 
 @jax.jit

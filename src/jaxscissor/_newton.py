@@ -23,23 +23,25 @@ def add(state: Unknowns, step: Unknowns) -> Unknowns:
     return tuple(x + d for x, d in zip(state, step, strict=True))
 
 
-def max_norm(values: Sequence[Scalar]) -> Scalar:
-    """Largest absolute value; ``nan`` if any is."""
-    norm = jnp.abs(values[0])
-    for value in values[1:]:
-        norm = jnp.maximum(norm, jnp.abs(value))
-    return norm
+def norm(values: Sequence[Scalar]) -> Scalar:
+    """Euclidean norm, for which Newton's direction is one of descent; ``nan`` if any value is."""
+    return jnp.sqrt(sum(value * value for value in values))
 
 
 def value_and_jacobian(function: Callable[[Unknowns], Unknowns], at: Unknowns):
-    """Values and rows of the Jacobian, one forward derivative per unknown."""
-    columns = []
-    values: Unknowns = ()
-    for j in range(len(at)):
-        basis = tuple(jnp.ones_like(x) if i == j else jnp.zeros_like(x) for i, x in enumerate(at))
-        values, column = jax.jvp(function, (at,), (basis,))
-        columns.append(column)
-    return values, list(zip(*columns, strict=True))
+    """Values and rows of the Jacobian, by forward derivatives: unrolled where there are few, else mapped."""
+
+    def push(basis):
+        return jax.jvp(function, (at,), (basis,))
+
+    size = len(at)
+    if size > 3:
+        identity = jnp.eye(size, dtype=jnp.result_type(at[0]))
+        values, rows = jax.vmap(push, out_axes=(None, 0))(tuple(identity))
+        return values, [tuple(row[j] for j in range(size)) for row in rows]
+    bases = [tuple(jnp.full_like(x, float(i == j)) for i, x in enumerate(at)) for j in range(size)]
+    pushed = [push(basis) for basis in bases]
+    return pushed[0][0], list(zip(*(column for _, column in pushed), strict=True))
 
 
 def newton(
@@ -59,7 +61,7 @@ def newton(
     see ``implicit``.
 
     Returns:
-      The state, the largest residual at it, and the number of steps.
+      The state, the norm of the residual at it, and the number of steps.
     """
     start, args = lax.stop_gradient((start, args))
     first = residual(start, args)
@@ -68,23 +70,23 @@ def newton(
         raise ValueError(f"Got {len(first)} equations for {unknowns} unknowns; Newton needs as many.")
 
     def unfinished(carry):
-        _, norm, _, count = carry
-        return active & (norm > tol) & (count < max_steps)
+        _, error, _, count = carry
+        return active & (error > tol) & (count < max_steps)
 
     def step(carry):
-        state, norm, damping, count = carry
+        state, error, damping, count = carry
         values, rows = value_and_jacobian(lambda d: residual(retract(state, d), args), zero)
-        delta = tuple(-damping * d for d in solve(rows, values))
-        trial = retract(state, delta)
-        trial_norm = max_norm(residual(trial, args))
-        better = trial_norm < norm
-        state, norm = jax.tree.map(lambda new, old: jnp.where(better, new, old), (trial, trial_norm), (state, norm))
-        return state, norm, jnp.where(better, jnp.minimum(2 * damping, 1), damping / 2), count + 1
+        trial = retract(state, tuple(-damping * d for d in solve(rows, values)))
+        trial_error = norm(residual(trial, args))
+        better = trial_error < error
+        pairs = (trial, trial_error), (state, error)
+        state, error = jax.tree.map(lambda new, old: jnp.where(better, new, old), *pairs)
+        return state, error, jnp.where(better, jnp.minimum(2 * damping, 1), damping / 2), count + 1
 
-    norm = max_norm(first)
-    carry = (start, norm, jnp.ones_like(norm), jnp.zeros_like(norm, dtype=jnp.int32))
-    state, norm, _, count = lax.while_loop(unfinished, step, carry)
-    return state, norm, count
+    error = norm(first)
+    carry = (start, error, jnp.ones_like(error), jnp.zeros_like(error, dtype=jnp.int32))
+    state, error, _, count = lax.while_loop(unfinished, step, carry)
+    return state, error, count
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -53,7 +53,7 @@ class Solution:
       value: what was solved for. Where the status is not ``CONVERGED`` it is the closest configuration
         that was found (``nan`` for ``NONFINITE``) and its derivatives are zero.
       status: a ``Status`` code per lane, int32.
-      residual_norm: largest closure residual at ``value``, dimensionless.
+      residual_norm: norm of the closure residual at ``value``, dimensionless.
       num_steps: Newton steps taken.
     """
 

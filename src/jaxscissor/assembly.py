@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxscissor._legs import place
-from jaxscissor._newton import max_norm
+from jaxscissor._newton import norm
 from jaxscissor._numerics import default_tol
 from jaxscissor._pytree import pytree
 from jaxscissor.mechanisms._contract import Mechanism, checked_pose
@@ -65,7 +65,7 @@ def _inverse_kinematics_all(robot: Mechanism, pose: jax.Array) -> WorkingModes:
                 "use inverse_kinematics with several guesses."
             )
         tol = default_tol(pose.dtype)
-        closed = [max_norm(leg.residual(joints, attachment)) <= tol for joints in solutions[0]]
+        closed = [norm(leg.residual(joints, attachment)) <= tol for joints in solutions[0]]
         values.append(jnp.stack([jnp.stack(joints) for joints in solutions[0]]))
         valid.append(jnp.stack([v & c & placed.finite for v, c in zip(solutions[1], closed, strict=True)]))
     return WorkingModes(jnp.stack(values), jnp.stack(valid))

@@ -12,7 +12,7 @@ from jaxscissor._legs import place, solve_legs
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol, determinant, solve
 from jaxscissor._pytree import as_floats
-from jaxscissor.kinematics import MAX_STEPS, residual
+from jaxscissor.kinematics import MAX_STEPS, flat_residual
 from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_joints, checked_pose
 
 
@@ -40,8 +40,13 @@ def closure_jacobians(robot: Mechanism, joints: Any, pose: Any) -> tuple[jax.Arr
       ((6, 6), (6, 6))
     """
     robot, pose = checked_pose(robot, pose)
-    robot, pose, joints = as_floats(robot, pose, checked_joints(robot, joints))
-    return jax.jacfwd(residual, 2)(robot, joints, pose), jax.jacfwd(residual, 1)(robot, joints, pose)
+    return _closure_jacobians(*as_floats(robot, checked_joints(robot, joints), pose))
+
+
+@jax.jit
+def _closure_jacobians(robot: Mechanism, joints: jax.Array, pose: jax.Array) -> tuple[jax.Array, jax.Array]:
+    by_joints, by_pose = jax.jacfwd(flat_residual, (1, 2))(robot, joints, pose)
+    return by_pose, by_joints
 
 
 def inverse_jacobian(robot: Mechanism, pose: Any, *, rates: Literal["rpy", "twist"] = "rpy") -> jax.Array:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._legs import leg_status, place, solve_legs
-from jaxscissor._newton import implicit, max_norm, newton, value_and_jacobian
+from jaxscissor._newton import implicit, newton, norm, value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol, determinant
 from jaxscissor._pytree import as_floats
 from jaxscissor._solution import Solution, Status
@@ -51,8 +51,13 @@ def residual(robot: Mechanism, joints: Any, pose: Any) -> jax.Array:
     """
     robot, pose = checked_pose(robot, pose)
     joints = checked_joints(robot, joints)
-    robot, pose, joints = as_floats(robot, pose, joints)
-    return jnp.stack(closure(robot, split_joints(robot, joints), *robot.space.place(pose)))
+    return flat_residual(*as_floats(robot, joints, pose))
+
+
+@jax.jit
+def flat_residual(robot: Mechanism, joints: jax.Array, pose: jax.Array) -> jax.Array:
+    """``residual`` of arrays whose shapes and dtypes are known to be right."""
+    return jnp.stack(closure(robot, legs_of(robot), split_joints(robot, joints), *robot.space.place(pose)))
 
 
 def inverse_kinematics(
@@ -68,7 +73,7 @@ def inverse_kinematics(
       robot: the robot; every array in it is differentiable.
       pose: ``(d,)`` in the base frame, lengths in the robot's unit, angles in radians.
       guess: ``(n,)`` joints to start from; they choose the working mode instead of home's.
-      tol: largest closure residual, dimensionless, that counts as zero. Default: by the dtype.
+      tol: closure residual, dimensionless, that counts as zero. Default: by the dtype.
       max_steps: Newton steps before giving up.
 
     Returns:
@@ -109,7 +114,7 @@ def _inverse_solution(placed, results, statuses, constraints, tol) -> Solution:
         status, steps = jnp.maximum(status, s), jnp.maximum(steps, r.steps)
     norms = [r.norm for r in results]
     if constraints:
-        off = max_norm(lax.stop_gradient(tuple(constraints)))
+        off = norm(lax.stop_gradient(tuple(constraints)))
         status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
         norms.append(off)
     status = jnp.where(placed.finite, status, Status.NONFINITE)
@@ -119,7 +124,7 @@ def _inverse_solution(placed, results, statuses, constraints, tol) -> Solution:
     return Solution(
         value=jnp.where(placed.finite, value, jnp.nan),
         status=status.astype(jnp.int32),
-        residual_norm=jnp.where(placed.finite, max_norm(norms), jnp.nan),
+        residual_norm=jnp.where(placed.finite, norm(norms), jnp.nan),
         num_steps=steps,
     )
 
@@ -135,7 +140,7 @@ def forward_kinematics(
       robot: the robot; every array in it is differentiable.
       joints: ``(m,)`` the actuated joints.
       guess: ``(d,)`` pose to start from, which chooses the assembly mode. Default: home.
-      tol: largest closure residual, dimensionless, that counts as zero. Default: by the dtype.
+      tol: closure residual, dimensionless, that counts as zero. Default: by the dtype.
       max_steps: Newton steps before giving up.
 
     Returns:
@@ -172,25 +177,25 @@ def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Sc
     joints = jnp.where(finite, joints, home_actuated)
     passive = tuple(q for q, a in zip(start_joints, mask, strict=True) if not a)
     start = (*robot.space.place(start_pose), passive)
+    legs = legs_of(robot)
+    args = (robot, legs, joints)
 
-    state, norm, steps = newton(
-        _state_residual, start, (robot, joints), tol=tol, max_steps=max_steps, retract=_retraction(robot)
-    )
-    converged = norm <= tol
-    same = _assembly_sign(robot, state, joints) == _assembly_sign(robot, start, home_actuated)
-    fits = [leg.closes(q) for leg, q in zip(legs_of(robot), _leg_joints(robot, joints, state[2]), strict=True)]
+    state, error, steps = newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=_retraction(robot))
+    converged = error <= tol
+    same = _assembly_sign(state, args) == _assembly_sign(start, (robot, legs, home_actuated))
+    fits = [leg.closes(q) for leg, q in zip(legs, _leg_joints(robot, joints, state[2]), strict=True)]
     status = jnp.where(converged, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
     for fit in fits:
         status = jnp.where(converged | fit, status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)
 
     coordinates = (*robot.space.coordinates(state[0], state[1]), *state[2])
-    root = implicit(_pose_residual, coordinates, status == Status.CONVERGED, (robot, joints))
+    root = implicit(_pose_residual, coordinates, status == Status.CONVERGED, args)
     pose = jnp.stack(root[: robot.space.dimension])
     return Solution(
         value=jnp.where(finite, pose, jnp.nan),
         status=status,
-        residual_norm=jnp.where(finite, norm, jnp.nan),
+        residual_norm=jnp.where(finite, error, jnp.nan),
         num_steps=steps,
     )
 
@@ -214,15 +219,15 @@ def _leg_joints(robot: Mechanism, actuated: jax.Array, passive: Joints) -> list[
 
 
 def _state_residual(state, args) -> Joints:
-    """Closure equations of a state (position, rotation, passive joints) at given (robot, actuated joints)."""
+    """Closure equations of a state (position, rotation, passive joints) at given (robot, legs, actuated joints)."""
     position, rotation, passive = state
-    robot, actuated = args
-    return closure(robot, _leg_joints(robot, actuated, passive), position, rotation)
+    robot, legs, actuated = args
+    return closure(robot, legs, _leg_joints(robot, actuated, passive), position, rotation)
 
 
 def _pose_residual(unknowns: Joints, args) -> Joints:
     """The same with the pose as coordinates."""
-    robot, _ = args
+    robot = args[0]
     size = robot.space.dimension
     return _state_residual((*robot.space.place(jnp.stack(unknowns[:size])), unknowns[size:]), args)
 
@@ -241,11 +246,12 @@ def _retraction(robot: Mechanism):
     return retract
 
 
-def _assembly_sign(robot: Mechanism, state, actuated) -> Scalar:
+@jax.jit
+def _assembly_sign(state, args) -> Scalar:
     """Sign of det d residual / d (twist, passive joints), which names the assembly mode between singularities."""
-    state, args = lax.stop_gradient((state, (robot, actuated)))
-    retract = _retraction(robot)
+    state, args = lax.stop_gradient((state, args))
+    retract = _retraction(args[0])
     count = len(_state_residual(state, args))
-    zero = tuple(jnp.zeros_like(actuated[0]) for _ in range(count))
+    zero = tuple(jnp.zeros_like(args[2][0]) for _ in range(count))
     _, rows = value_and_jacobian(lambda d: _state_residual(retract(state, d), args), zero)
     return jnp.sign(determinant(rows))

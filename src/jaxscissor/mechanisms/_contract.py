@@ -141,10 +141,11 @@ def leg_residual(joints: Joints, args: tuple[Any, Attachment]) -> Joints:
     return leg.residual(joints, attachment)
 
 
-def closure(robot: Mechanism, joints: Sequence[Joints], position: Vec, rotation: Rotation) -> Joints:
+def closure(
+    robot: Mechanism, legs: Sequence[Any], joints: Sequence[Joints], position: Vec, rotation: Rotation
+) -> Joints:
     """All closure equations, leg by leg, and the constraints on the pose after them."""
     attachments = robot.attachments(position, rotation)
-    legs = legs_of(robot)
     equations = [r for leg, q, a in zip(legs, joints, attachments, strict=True) for r in leg.residual(q, a)]
     return (*equations, *robot.constraints(position, rotation))
 
@@ -155,13 +156,14 @@ def checked_pose(robot: Mechanism, pose: Any) -> tuple[Any, jax.Array]:
     Raises:
       ValueError: the pose does not have the shape of the robot's space.
     """
-    shape, space = jnp.shape(pose), robot.space
+    pose = jnp.asarray(pose)
+    shape, space = pose.shape, robot.space
     if shape != (space.dimension,):
         raise ValueError(
             f"Got a pose of shape {shape}; {type(robot).__name__} expects ({space.dimension},) = "
             f"({', '.join(space.names)}). Map over a batch of poses with jax.vmap."
         )
-    robot, pose = as_floats(robot, jnp.asarray(pose))
+    robot, pose = as_floats(robot, pose)
     return robot, pose
 
 
@@ -173,10 +175,11 @@ def checked_joints(robot: Mechanism, joints: Any, *, actuated_only: bool = False
     """
     mask = actuation(robot)
     expected = (sum(mask) if actuated_only else len(mask),)
-    if jnp.shape(joints) != expected:
+    joints = jnp.asarray(joints)
+    if joints.shape != expected:
         kind = "actuated joints" if actuated_only else "joints"
         raise ValueError(
-            f"Got {kind} of shape {jnp.shape(joints)}; {type(robot).__name__} expects {expected}. "
+            f"Got {kind} of shape {joints.shape}; {type(robot).__name__} expects {expected}. "
             "Map over a batch with jax.vmap."
         )
-    return jnp.asarray(joints)
+    return joints

@@ -1,0 +1,72 @@
+"""What must also hold in float32; run on its own with JAX_ENABLE_X64=0, and in the suite by casting."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxscissor as js
+from tests.oracles import apices, quartic_joints
+
+DESIGNS = [(0.2647, math.pi / 6, 0.0186, 0.11765), (0.45, 0.9, 0.15, 0.1), (0.15, -0.2, 0.12, 0.05)]
+
+
+def in_single(tree):
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
+
+
+@pytest.mark.parametrize("ratios", DESIGNS)
+def test_verdicts_in_single_precision(ratios, random_poses):
+    """As in double precision, but for poses within 1000 eps of an edge."""
+    robot = in_single(js.TripleScissorExtender.from_ratios(*ratios))
+    poses = np.asarray(random_poses(robot, 20_000), np.float32)
+    solution = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))(robot, poses)
+    home, near = np.ones(len(poses), bool), np.zeros(len(poses), bool)
+    exact = np.asarray(in_single(jnp.array(ratios)), np.float64)
+    for i, apex in enumerate(apices(exact, poses.astype(np.float64))):
+        joints, real, u, determinant = quartic_joints(exact, apex)
+        label = real & (joints >= 0).all(axis=-1) & (determinant < 0) & (u > 0)
+        home &= label.any(axis=1)
+        expected = np.where(label[..., None], joints, 0).sum(axis=1)
+        error = np.abs(np.asarray(solution.value)[:, 2 * i : 2 * i + 2] - expected).max(axis=1)
+        assert np.median(error[home & np.asarray(solution.converged)]) < 1e-6
+        near |= np.abs(edge_distance(exact, apex)) < 1000 * np.finfo(np.float32).eps
+    wrong = np.asarray(solution.converged) != home
+    assert not (wrong & ~near).any()
+    assert near.mean() < 5e-3
+    assert not np.isin(np.asarray(solution.status), [js.Status.MAX_STEPS, js.Status.NONFINITE])[~near].any()
+    assert np.asarray(solution.residual_norm)[np.asarray(solution.converged)].max() < 1e-4
+
+
+def edge_distance(ratios, apex):
+    """-F at the edge of the home mode, by a dense scan of F over u: independent of the library."""
+    k1, eta = ratios[:2]
+    x, y, z = apex
+    c, s, k = np.cos(eta), np.sin(eta), 1 / (4 * k1**2)
+    a, b = 2 * y * s, 2 * x * c
+    p2, m2 = s * s / 4 + k * c * c, c * c / 4 + k * s * s
+    low = np.maximum(np.maximum(np.abs(b), -a), 1e-9)
+
+    def closure(u):
+        p, m = u + a, b + a * b / u
+        return x * x + y * y + z * z - 1 - (p * a + m * b) / 2 + p2 * p * p + m2 * m * m
+
+    left, right = low.copy(), low + 4
+    for _ in range(80):
+        third, two = left + (right - left) / 3, right - (right - left) / 3
+        less = closure(third) < closure(two)
+        left, right = np.where(less, left, third), np.where(less, two, right)
+    return -np.minimum(closure((left + right) / 2), closure(low))
+
+
+def test_results_keep_the_dtype(prototype):
+    single = in_single(prototype)
+    pose = single.home()[0]
+    sample = js.Cylinder(single.length / 2, single.length).quasi_random(2000)
+    assert js.workspace_fraction(single, sample).dtype == jnp.float32
+    gradient = jax.grad(js.soft_workspace_fraction)(single, sample)
+    assert all(leaf.dtype == jnp.float32 and bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(gradient))
+    assert js.inverse_kinematics_all(single, pose).values.dtype == jnp.float32
+    assert float(js.workspace_fraction(single, sample)) == pytest.approx(0.295, abs=0.02)
