@@ -371,3 +371,13 @@ def test_a_robot_of_negative_gradients_is_no_bad_input(prototype):
     assert isinstance(gradient, js.TripleScissorExtender)
     flipped = jax.tree.map(lambda leaf: -jnp.abs(leaf) - 1, gradient)
     assert float(flipped.top_radius) < 0 and "top_radius" in repr(flipped)
+
+
+def test_a_robot_can_be_built_inside_a_compiled_function(prototype):
+    def height(radius):
+        inner = dataclasses.replace(prototype, top_radius=radius)
+        outer = js.TripleScissorExtender.prototype()
+        return inner.home()[0][2] + outer.home()[0][2] + js.Scissor(prototype.link_lengths).length
+
+    assert float(jax.jit(height)(prototype.top_radius)) == pytest.approx(float(height(prototype.top_radius)))
+    assert float(jax.jit(lambda: dataclasses.replace(prototype).home()[0][2])()) > 1

@@ -139,7 +139,7 @@ class Cylinder(Region):
             raise ValueError(f"Got orientation of shape {orientation.shape}; expected (3,) or (low, high) = (2, 3).")
         if self.measure not in ("paper", "volume"):
             raise ValueError(f"Got measure={self.measure!r}; expected 'paper' or 'volume'.")
-        if is_concrete((radius, height)) and not (radius > 0 and height > 0):
+        if is_concrete((radius, height)) and not (float(radius) > 0 and float(height) > 0):
             raise ValueError(f"Got radius {radius} and height {height}; expected positive lengths.")
         for name, value in (("radius", radius), ("height", height), ("orientation", orientation)):
             object.__setattr__(self, name, value)
@@ -182,7 +182,7 @@ class Box(Region):
         low, high = as_arrays(self.low, self.high)
         if low.ndim != 1 or low.shape != high.shape:
             raise ValueError(f"Got low {low.shape} and high {high.shape}; expected two poses of one shape (d,).")
-        if is_concrete((low, high)) and not bool(jnp.all(low <= high)):
+        if is_concrete((low, high)) and not np.all(np.asarray(low) <= np.asarray(high)):
             raise ValueError(f"Got low {low} above high {high}; exchange the entries where it is.")
         object.__setattr__(self, "low", low)
         object.__setattr__(self, "high", high)
@@ -223,7 +223,7 @@ class Disc(Region):
         center, radius, low, high = as_arrays(self.center, self.radius, self.low_angle, self.high_angle)
         if center.shape != (2,):
             raise ValueError(f"Got center of shape {center.shape}; expected (2,).")
-        if is_concrete((radius, low, high)) and not (radius > 0 and low <= high):
+        if is_concrete((radius, low, high)) and not (float(radius) > 0 and float(low) <= float(high)):
             raise ValueError(f"Got radius {radius} and angles {low} to {high}; expected radius > 0 and low <= high.")
         for name, value in (("center", center), ("radius", radius), ("low_angle", low), ("high_angle", high)):
             object.__setattr__(self, name, value)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, static
@@ -47,7 +48,7 @@ class Scissor:
             raise ValueError(
                 f"Got link_lengths of shape {lengths.shape}; expected one row of at least {least} half-bars."
             )
-        if is_concrete(lengths) and not bool(jnp.all(jnp.isfinite(lengths) & (lengths > 0))):
+        if is_concrete(lengths) and not np.all(np.isfinite(lengths) & (np.asarray(lengths) > 0)):
             raise ValueError(f"Got link_lengths {lengths}; every half-bar must be positive and finite.")
 
     @property

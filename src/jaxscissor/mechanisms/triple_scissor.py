@@ -84,7 +84,8 @@ class TripleScissorExtender(Mechanism):
                 raise ValueError(f"Got {name} of shape {array.shape}; expected {expected}.")
         Scissor(self.link_lengths)
         if is_concrete(arrays):
-            _check(self)
+            with jax.ensure_compile_time_eval():
+                _check(self)
 
     @classmethod
     def from_ratios(cls, k1: Any, k2: Any, k3: Any, k4: Any, length: Any = 1.0, **limits: Any) -> TripleScissorExtender:
@@ -105,10 +106,10 @@ class TripleScissorExtender(Mechanism):
         """
         k1, k2, k3, k4, length = as_arrays(k1, k2, k3, k4, length)
         concrete = is_concrete((k1, length))
-        if concrete and not (0 < k1 <= 1 and length > 0):
+        if concrete and not (0 < float(k1) <= 1 and float(length) > 0):
             raise ValueError(f"Got k1 = l0/L = {k1} and L = {length}; expected 0 < k1 <= 1 (l0 <= L) and L > 0.")
         lower, upper = k1 * length, (1 - k1) * length / 2
-        bars = jnp.stack([lower]) if concrete and k1 == 1 else jnp.stack([lower, upper])
+        bars = jnp.stack([lower]) if concrete and float(k1) == 1 else jnp.stack([lower, upper])
         return cls(bars, k2, k3 * length, k4 * length, **limits)
 
     @classmethod
