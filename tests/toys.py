@@ -57,7 +57,7 @@ class Planar3RPR(js.Mechanism):
         return [position + rotation @ js.Vec(*self.platform[i]) for i in range(3)]
 
     def home(self):
-        pose = jnp.array([0.45, 0.35, 0.1], self.base.dtype)
+        pose = jnp.array([0.45, 0.35, 0.8], self.base.dtype)
         position, rotation = self.space.place(pose)
         legs = self.legs()
         joints = []

@@ -46,8 +46,8 @@ def inverse_kinematics_all(robot: Mechanism, pose: Any) -> WorkingModes:
     Example:
       >>> import jaxscissor as js
       >>> robot = js.TripleScissorExtender.prototype()
-      >>> js.inverse_kinematics_all(robot, robot.home()[0]).valid.sum(axis=1)
-      Array([4, 4, 4], dtype=int32)
+      >>> js.inverse_kinematics_all(robot, robot.home()[0]).valid.sum(axis=1).tolist()
+      [4, 4, 4]
     """
     robot, pose = checked_pose(robot, pose)
     return _inverse_kinematics_all(robot, pose)

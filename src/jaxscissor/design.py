@@ -120,13 +120,13 @@ def optimize_design(
     def scaled(unit):
         return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
 
-    def evaluate(unit):
-        robot = build(scaled(unit))
-        slack = [jnp.ravel(jnp.asarray(constraint(robot))) for constraint in constraints]
-        return objective(robot), jnp.concatenate(slack) if slack else jnp.zeros(0)
+    def slacks(robot):
+        each = [jnp.ravel(jnp.asarray(constraint(robot))) for constraint in constraints]
+        return jnp.concatenate(each) if each else jnp.zeros(0)
 
     def lagrangian(unit, multipliers):
-        value, slack = evaluate(unit)
+        robot = build(scaled(unit))
+        value, slack = objective(robot), slacks(robot)
         short = jnp.maximum(multipliers.astype(slack.dtype) / _PENALTY - slack, 0)
         return value + _PENALTY / 2 * jnp.sum(short**2).astype(value.dtype), (value, slack)
 
@@ -142,7 +142,7 @@ def optimize_design(
         raised = jnp.maximum(multipliers - _PENALTY * slack.astype(multipliers.dtype), 0)
         return moved, state, value, slack, raised
 
-    count = jax.eval_shape(evaluate, jax.tree.map(lambda u: u[0], units))[1].shape[0]
+    count = jax.eval_shape(lambda unit: slacks(build(scaled(unit))), jax.tree.map(lambda u: u[0], units)).shape[0]
     state, multipliers = jax.vmap(optimizer.init)(units), jnp.zeros((starts, count))
     best: Any = None
     log: list[Any] = []

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxscissor._numerics import safe_divide
+from jaxscissor._numerics import safe_divide, safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor.jacobians import twist_jacobian
 from jaxscissor.mechanisms._contract import Mechanism, checked_pose
@@ -45,7 +45,7 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
       >>> import jaxscissor as js
       >>> robot = js.TripleScissorExtender.prototype()
       >>> round(float(js.gear_ratios(robot, [0, 0, 0.9144, 0, 0, 0]).vertical), 3)
-      1.323
+      2.15
     """
     robot, pose = checked_pose(robot, pose)
     usable, matrix = twist_jacobian(robot, pose)
@@ -58,11 +58,13 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
             return jnp.zeros(0, block.dtype)
         return jnp.where(usable, 1 / jnp.linalg.svd(block, compute_uv=False), jnp.nan)
 
-    vertical = None
-    if linear == 3:
-        column = matrix[:, 2]
-        vertical = jnp.where(usable, safe_divide(1, jnp.sqrt(jnp.sum(column**2))), jnp.nan)
+    vertical = _vertical(usable, matrix) if linear == 3 else None
     return GearRatios(ratios(matrix[:, :linear]), ratios(matrix[:, linear:]), vertical)
+
+
+def _vertical(usable: Any, matrix: jax.Array) -> jax.Array:
+    """Reciprocal norm of the column that belongs to z."""
+    return jnp.where(usable, safe_divide(1, safe_sqrt(jnp.sum(matrix[:, 2] ** 2))), jnp.nan)
 
 
 def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -> jax.Array:
@@ -84,8 +86,8 @@ def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -
       >>> import jaxscissor as js
       >>> tall = js.TripleScissorExtender.from_ratios(0.25, 0.0, 0.1, 0.1)
       >>> rigid = js.TripleScissorExtender.from_ratios(1.0, 0.0, 0.1, 0.1)
-      >>> js.height_amplification(tall, rigid, jnp.array([0.4, 0.8])).round(3)
-      Array([4., 4.], dtype=float32)
+      >>> js.height_amplification(tall, rigid, jnp.array([0.4, 0.8])).round(3).tolist()
+      [4.0, 4.0]
     """
     if robot.space.names[:3] != ("x", "y", "z") or reference.space != robot.space:
         raise ValueError("Height amplification compares two robots that move in x, y and z.")
@@ -93,6 +95,6 @@ def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -
 
     def ratio(height):
         pose = jnp.zeros(robot.space.dimension, height.dtype).at[2].set(height)
-        return gear_ratios(robot, pose).vertical / gear_ratios(reference, pose).vertical
+        return _vertical(*twist_jacobian(robot, pose)) / _vertical(*twist_jacobian(reference, pose))
 
     return jax.vmap(ratio)(heights.ravel()).reshape(heights.shape)

@@ -88,8 +88,8 @@ def inverse_kinematics(
     Example:
       >>> import jaxscissor as js
       >>> robot = js.TripleScissorExtender.prototype()
-      >>> js.inverse_kinematics(robot, [0.1, 0.0, 1.0, 0.0, 0.2, 0.0]).value.round(3)
-      Array([0.46 , 0.39 , 0.378, 0.425, 0.438, 0.386], dtype=float32)
+      >>> js.inverse_kinematics(robot, [0.1, 0.0, 1.0, 0.0, 0.2, 0.0]).value.round(3).tolist()
+      [0.439, 0.439, 0.511, 0.333, 0.333, 0.511]
     """
     robot, pose = checked_pose(robot, pose)
     if guess is not None:

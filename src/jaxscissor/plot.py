@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,19 +48,43 @@ def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = N
         if not bool(solution.converged):
             raise ValueError(f"The home mode does not reach the pose {pose}; give joints to draw another mode.")
         joints = solution.value
-    placed = place(robot, pose)
+    drawing = _drawing(robot, pose, checked_joints(robot, joints))
     ax = _axes(ax, spatial=robot.space.translations == 3)
-    legs = zip(placed.legs, split_joints(robot, checked_joints(robot, joints)), placed.attachments, strict=True)
-    for number, (leg, q, attachment) in enumerate(legs):
+    for number, (rails, bars) in enumerate(zip(drawing.rails, drawing.bars, strict=True)):
         color = _LEG_COLORS[number % len(_LEG_COLORS)]
-        _segments(ax, leg.rails(q, attachment), color=_RAIL_COLOR, linewidth=4, solid_capstyle="round", zorder=1)
-        _segments(ax, leg.bars(q, attachment), color=color, linewidth=1.6, marker="o", markersize=2.5)
-    points = [a for a in placed.attachments if isinstance(a, Vec)]
-    if len(points) > 2:
-        outline = np.array([np.asarray(p.array()) for p in [*points, points[0]]])
+        _segments(ax, rails, color=_RAIL_COLOR, linewidth=4, solid_capstyle="round", zorder=1)
+        _segments(ax, bars, color=color, linewidth=1.6, marker="o", markersize=2.5)
+    if len(drawing.points) > 2:
+        outline = np.array([*drawing.points, drawing.points[0]])
         ax.plot(*outline.T, color="black", linewidth=3, solid_joinstyle="round")
     _finish(ax, robot.space.names[: robot.space.translations], unit)
     return ax
+
+
+class _Drawing(NamedTuple):
+    rails: list[Any]  # per leg a list of segments, each a pair of points
+    bars: list[Any]
+    points: list[Any]  # corners of the platform
+
+
+@jax.jit
+def _drawing(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> _Drawing:
+    placed = place(robot, pose)
+    legs = list(zip(placed.legs, split_joints(robot, joints), placed.attachments, strict=True))
+
+    def arrays(segments):
+        return [tuple(end.array() for end in segment) for segment in segments]
+
+    return _Drawing(
+        [arrays(leg.rails(q, attachment)) for leg, q, attachment in legs],
+        [arrays(leg.bars(q, attachment)) for leg, q, attachment in legs],
+        [attachment.array() for attachment in placed.attachments if isinstance(attachment, Vec)],
+    )
+
+
+@jax.jit
+def _margins(robot: Mechanism, poses: jax.Array) -> jax.Array:
+    return jax.vmap(lambda pose: feasibility(robot, pose).margin)(poses)
 
 
 def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", size: float = 2.0) -> Axes:
@@ -77,9 +101,8 @@ def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", 
       The axes. Dots are shaded by height.
     """
     poses = jnp.asarray(poses)
-    reached = jax.jit(jax.vmap(lambda pose: feasibility(robot, pose).margin >= 0))(poses)
     linear = robot.space.translations
-    points = np.asarray(poses[np.asarray(reached), :linear])
+    points = np.asarray(poses[np.asarray(_margins(robot, poses)) >= 0, :linear])
     ax = _axes(ax, spatial=linear == 3)
     ax.scatter(*points.T, s=size, c=points[:, -1], cmap="viridis", linewidths=0, rasterized=True)
     _finish(ax, robot.space.names[:linear], unit)
@@ -121,10 +144,9 @@ def workspace_slice(
     first, second = (names.index(name) for name in axes)
     xs, ys = (jnp.linspace(a, b, resolution, dtype=pose.dtype) for a, b in zip(low, high, strict=True))
 
-    def margin(x, y):
-        return feasibility(robot, pose.at[first].set(x).at[second].set(y)).margin
-
-    margins = np.asarray(jax.jit(jax.vmap(jax.vmap(margin, (0, None)), (None, 0)))(xs, ys))
+    grid = jnp.broadcast_to(pose, (resolution, resolution, pose.shape[0]))
+    grid = grid.at[..., first].set(xs[None, :]).at[..., second].set(ys[:, None])
+    margins = np.asarray(_margins(robot, grid.reshape(-1, pose.shape[0]))).reshape(resolution, resolution)
     ax = _axes(ax, spatial=False)
     ax.contourf(xs, ys, margins, levels=[0, np.inf], colors=["0.85"])
     ax.contour(xs, ys, margins, levels=np.arange(0.05, 0.5, 0.05), colors="0.55", linewidths=0.6)
@@ -168,10 +190,9 @@ def _axes(ax: Any, *, spatial: bool) -> Any:
     return plt.figure().add_subplot(projection="3d" if spatial else None)
 
 
-def _segments(ax: Any, segments: Sequence[tuple[Vec, Vec]], **style: Any) -> None:
-    for a, b in segments:
-        ends = np.stack([np.asarray(a.array()), np.asarray(b.array())])
-        ax.plot(*ends.T, **style)
+def _segments(ax: Any, segments: Sequence[Any], **style: Any) -> None:
+    for segment in segments:
+        ax.plot(*np.array(segment).T, **style)
 
 
 def _finish(ax: Any, names: Sequence[str], unit: str) -> None:
