@@ -204,6 +204,28 @@ def test_scale_invariance(prototype, random_poses):
     assert np.abs(margins[0] - margins[1]).max() < 1e-11
 
 
+def test_the_conventions_of_icra16_are_reachable():
+    """Half the distance d of adjacent parallel slides, and apices numbered clockwise [ICRA16 eqs. 4, 26]."""
+    d, third = 0.04, 2 * math.pi / 3
+    robot = js.TripleScissorExtender.from_ratios(
+        0.2647, math.pi / 6, 2 * d / math.sqrt(3), 0.1, azimuths=(0.0, -third, third)
+    )
+    legs = legs_of(robot)
+    first, second = legs[0], legs[1]
+    along = np.asarray(first.slide_a.array())
+    assert np.abs(along - second.slide_b.array()).max() < 1e-15, "adjacent slides are parallel"
+    between = np.asarray((second.origin - first.origin).array())
+    assert np.linalg.norm(np.cross(between, along)) == pytest.approx(2 * d, rel=1e-12)
+    apices_icra = [np.asarray(a.array()) for a in robot.attachments(*js.SE3.place(jnp.zeros(6)))]
+    n, t = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
+    expected = [0.1 * n, -0.1 * (math.sqrt(3) / 2 * t + n / 2), 0.1 * (math.sqrt(3) / 2 * t - n / 2)]
+    assert np.abs(np.stack(apices_icra) - np.stack(expected)).max() < 1e-15
+    counter = js.TripleScissorExtender.from_ratios(0.2647, math.pi / 6, 2 * d / math.sqrt(3), 0.1)
+    pose = jnp.array([0.05, 0.02, 0.7, 0.1, -0.2, 0.3])
+    ours, theirs = (js.inverse_kinematics(r, pose).value.reshape(3, 2) for r in (counter, robot))
+    assert np.abs(ours[jnp.array([0, 2, 1])] - theirs).max() < 1e-12
+
+
 def test_ratios_layouts_and_named_robots():
     robot = design_of(DESIGNS[1])
     assert np.abs(robot.ratios - np.array(DESIGNS[1])).max() < 1e-15
