@@ -166,6 +166,11 @@ def _count(robot, sample, size, first, last, chunk: int) -> jax.Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _soft(chunk: int, robot, sample, size, sharpness) -> jax.Array:
+    return _soft_value(chunk, robot, sample, size, sharpness)
+
+
+@partial(jax.jit, static_argnums=0)
+def _soft_value(chunk: int, robot, sample, size, sharpness) -> jax.Array:
     def step(index, total):
         return total + _soft_chunk(robot, sample, size, sharpness, index, chunk)
 
