@@ -9,18 +9,13 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from jaxscissor.mechanisms._contract import actuation
 
 DIFFERENCE = 1e-6
 
 
-def actuated(robot, joints):
-    return joints[..., np.array(actuation(robot))]
-
-
 def shaken_joints(robot, rng, n, size=0.03):
     """Actuated joints near home, which the robot can take."""
-    home = np.asarray(actuated(robot, robot.home()[1]))
+    home = np.asarray(robot.actuated(robot.home()[1]))
     return jnp.asarray(home + float(robot.length) * size * rng.uniform(-1, 1, (n, len(home))))
 
 
@@ -50,14 +45,14 @@ def test_home_closes_and_is_found_again(robot):
 
 def test_shapes_are_those_documented(robot):
     pose, joints = robot.home()
-    d, n, m = robot.space.dimension, len(actuation(robot)), sum(actuation(robot))
+    d, n, m = robot.space.dimension, len(robot.home()[1]), len(robot.actuated(robot.home()[1]))
     rows = js.residual(robot, joints, pose).shape[0]
     assert pose.shape == (d,) and joints.shape == (n,)
     a, b = js.closure_jacobians(robot, joints, pose)
     assert a.shape == (rows, d) and b.shape == (rows, n)
     assert js.inverse_jacobian(robot, pose).shape == (m, d)
     assert js.inverse_kinematics(robot, pose).value.shape == (n,)
-    assert js.forward_kinematics(robot, actuated(robot, joints)).value.shape == (d,)
+    assert js.forward_kinematics(robot, robot.actuated(joints)).value.shape == (d,)
     assert js.feasibility(robot, pose).margin.shape == ()
     assert js.gear_ratios(robot, pose).translation.shape == (robot.space.translations,)
 
@@ -68,7 +63,7 @@ def test_inverse_of_forward_is_identity(robot, rng):
     assert bool(poses.converged.all())
     back = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses.value)
     assert bool(back.converged.all())
-    assert close(actuated(robot, back.value), joints, 1e-11)
+    assert close(robot.actuated(back.value), joints, 1e-11)
     assert float(back.residual_norm.max()) < 1e-12
 
 
@@ -155,7 +150,7 @@ def test_float32_stays_float32_and_integers_become_floats(robot):
     pose, joints = single.home()
     functions = [
         lambda: js.inverse_kinematics(single, pose).value,
-        lambda: js.forward_kinematics(single, actuated(single, joints)).value,
+        lambda: js.forward_kinematics(single, single.actuated(joints)).value,
         lambda: js.inverse_jacobian(single, pose),
         lambda: js.residual(single, joints, pose),
         lambda: js.feasibility(single, pose).margin,

@@ -13,7 +13,14 @@ from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol, determinant, solve
 from jaxscissor._pytree import as_floats
 from jaxscissor.kinematics import MAX_STEPS, flat_residual
-from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_joints, checked_pose
+from jaxscissor.mechanisms._contract import (
+    Joints,
+    Mechanism,
+    actuated_mask,
+    checked_joints,
+    checked_pose,
+    joint_places,
+)
 
 
 def closure_jacobians(robot: Mechanism, joints: Any, pose: Any) -> tuple[jax.Array, jax.Array]:
@@ -89,12 +96,14 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
     placed = place(robot, pose)
     results = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
     platform = _platform_jacobian(robot, placed)
-    usable, rows = placed.finite, []
-    for leg, attachment, result, moved in zip(placed.legs, placed.attachments, results, platform, strict=True):
+    usable, rows = placed.finite, {}
+    cases = zip(placed.legs, placed.attachments, results, platform, joint_places(robot), strict=True)
+    for leg, attachment, result, moved, places in cases:
         regular, jacobian = leg_jacobian(leg, attachment, result.value)
         usable = usable & regular & result.solved
-        rows += [row @ moved for row, actuated in zip(jacobian, leg.actuated, strict=True) if actuated]
-    return usable, jnp.where(usable, jnp.stack(rows), 0)
+        rows |= {place: row @ moved for place, row in zip(places, jacobian, strict=True)}
+    matrix = jnp.stack([rows[i] for i, actuated in enumerate(actuated_mask(robot)) if actuated])
+    return usable, jnp.where(usable, matrix, 0)
 
 
 @jax.jit

@@ -16,7 +16,7 @@ from jaxscissor._solution import Solution, Status
 from jaxscissor.mechanisms._contract import (
     Joints,
     Mechanism,
-    actuation,
+    actuated_mask,
     checked_joints,
     checked_pose,
     closure,
@@ -105,10 +105,10 @@ def _inverse_kinematics(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scal
     results = solve_legs(robot, placed, guess, tol, max_steps)
     statuses = [leg_status(*case) for case in zip(placed.legs, placed.attachments, results, strict=True)]
     constraints = robot.constraints(placed.position, placed.rotation)
-    return _inverse_solution(placed, results, statuses, constraints, tol)
+    return _inverse_solution(robot, placed, results, statuses, constraints, tol)
 
 
-def _inverse_solution(placed, results, statuses, constraints, tol) -> Solution:
+def _inverse_solution(robot, placed, results, statuses, constraints, tol) -> Solution:
     status, steps = statuses[0], results[0].steps
     for s, r in zip(statuses[1:], results[1:], strict=True):
         status, steps = jnp.maximum(status, s), jnp.maximum(steps, r.steps)
@@ -118,7 +118,7 @@ def _inverse_solution(placed, results, statuses, constraints, tol) -> Solution:
         status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
         norms.append(off)
     status = jnp.where(placed.finite, status, Status.NONFINITE)
-    value = join_joints([r.value for r in results])
+    value = join_joints(robot, [r.value for r in results])
     ok = status == Status.CONVERGED
     value = jnp.where(ok, value, lax.stop_gradient(value))
     return Solution(
@@ -172,10 +172,9 @@ def forward_kinematics(
 def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
     finite = jnp.all(jnp.isfinite(joints)) & (True if guess is None else jnp.all(jnp.isfinite(guess)))
     start_pose, start_joints = _assembled_guess(robot, guess, finite, tol)
-    mask = actuation(robot)
-    home_actuated = jnp.stack([q for q, a in zip(start_joints, mask, strict=True) if a])
+    home_actuated = robot.actuated(start_joints)
     joints = jnp.where(finite, joints, home_actuated)
-    passive = tuple(q for q, a in zip(start_joints, mask, strict=True) if not a)
+    passive = tuple(q for q, a in zip(start_joints, actuated_mask(robot), strict=True) if not a)
     start = (*robot.space.place(start_pose), passive)
     legs = legs_of(robot)
     args = (robot, legs, joints)
@@ -206,16 +205,14 @@ def _assembled_guess(robot: Mechanism, guess: Any, finite: Scalar, tol: Scalar) 
     if guess is not None:
         pose = jnp.where(finite, guess, pose)
         placed = place(robot, pose)
-        joints = join_joints([r.value for r in solve_legs(robot, placed, None, tol, MAX_STEPS)])
+        joints = join_joints(robot, [r.value for r in solve_legs(robot, placed, None, tol, MAX_STEPS)])
     return lax.stop_gradient((pose, joints))
 
 
 def _leg_joints(robot: Mechanism, actuated: jax.Array, passive: Joints) -> list[Joints]:
     """All joints leg by leg, from the actuated and the passive ones."""
     taken, free = iter(actuated), iter(passive)
-    flat = [next(taken) if a else next(free) for a in actuation(robot)]
-    size = len(robot.legs().actuated)
-    return [tuple(flat[i : i + size]) for i in range(0, len(flat), size)]
+    return split_joints(robot, [next(taken) if a else next(free) for a in actuated_mask(robot)])
 
 
 def _state_residual(state, args) -> Joints:

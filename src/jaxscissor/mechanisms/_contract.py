@@ -75,6 +75,8 @@ class Mechanism:
     """A parallel robot. Subclasses are pytrees whose leaves are the design."""
 
     space: ClassVar[type[Space]]
+    joint_order: ClassVar[tuple[int, ...] | None] = None
+    """Place in the array of joints of each leg's joints, taken leg by leg; ``None`` is leg by leg."""
 
     @property
     def length(self) -> Scalar:
@@ -88,6 +90,15 @@ class Mechanism:
     def attachments(self, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
         """What each leg sees of the platform. No trigonometry here: the library has done it."""
         raise NotImplementedError
+
+    def actuation(self) -> tuple[tuple[bool, ...], ...]:
+        """Which joints of each leg are actuated. Default: as the leg's class says."""
+        stacked = self.legs()
+        return (stacked.actuated,) * jax.tree.leaves(stacked)[0].shape[0]
+
+    def actuated(self, joints: Any) -> jax.Array:
+        """The actuated ones of all joints ``(..., n)``, in the order in which the robot counts them."""
+        return jnp.asarray(joints)[..., np.array(actuated_mask(self))]
 
     def constraints(self, position: Vec, rotation: Rotation) -> Sequence[Scalar]:
         """Equations among the pose alone, of robots whose platform cannot move freely. Default: none."""
@@ -118,21 +129,31 @@ def legs_of(robot: Mechanism) -> list[Any]:
     return [jax.tree.map(lambda leaf, i=i: leaf[i], stacked) for i in range(count)]
 
 
-def actuation(robot: Mechanism) -> tuple[bool, ...]:
-    """Which of the robot's joints are actuated, leg by leg."""
-    stacked = robot.legs()
-    return stacked.actuated * jax.tree.leaves(stacked)[0].shape[0]
+def joint_places(robot: Mechanism) -> list[tuple[int, ...]]:
+    """For every leg, where its joints stand in the array of all joints."""
+    sizes = [len(leg) for leg in robot.actuation()]
+    order = robot.joint_order or tuple(range(sum(sizes)))
+    ends = np.cumsum(sizes)
+    return [order[end - size : end] for end, size in zip(ends, sizes, strict=True)]
 
 
-def split_joints(robot: Mechanism, joints: jax.Array) -> list[Joints]:
-    """The joints of each leg, from the flat array of all of them."""
-    size = len(robot.legs().actuated)
-    return [tuple(joints[i + j] for j in range(size)) for i in range(0, joints.shape[0], size)]
+def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
+    """Which entries of the array of all joints are actuated."""
+    mask = dict(zip(sum(joint_places(robot), ()), sum(robot.actuation(), ()), strict=True))
+    return tuple(mask[i] for i in range(len(mask)))
 
 
-def join_joints(joints: Sequence[Joints]) -> jax.Array:
-    """The flat array of all joints."""
-    return jnp.stack([q for leg in joints for q in leg])
+def split_joints(robot: Mechanism, joints: Any) -> list[Joints]:
+    """The joints of each leg, from the array of all of them."""
+    return [tuple(joints[i] for i in places) for places in joint_places(robot)]
+
+
+def join_joints(robot: Mechanism, joints: Sequence[Joints]) -> jax.Array:
+    """The array of all joints, from those of each leg."""
+    placed = {
+        i: q for places, leg in zip(joint_places(robot), joints, strict=True) for i, q in zip(places, leg, strict=True)
+    }
+    return jnp.stack([placed[i] for i in range(len(placed))])
 
 
 def leg_residual(joints: Joints, args: tuple[Any, Attachment]) -> Joints:
@@ -173,7 +194,7 @@ def checked_joints(robot: Mechanism, joints: Any, *, actuated_only: bool = False
     Raises:
       ValueError: the array does not have one entry per joint.
     """
-    mask = actuation(robot)
+    mask = actuated_mask(robot)
     expected = (sum(mask) if actuated_only else len(mask),)
     joints = jnp.asarray(joints)
     if joints.shape != expected:
