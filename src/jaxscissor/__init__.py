@@ -13,7 +13,9 @@ from jaxscissor._spaces import SE2 as SE2
 from jaxscissor._spaces import SE3 as SE3
 from jaxscissor._vectors import Rotation as Rotation
 from jaxscissor._vectors import Vec as Vec
+from jaxscissor.assembly import forward_kinematics_all as forward_kinematics_all
 from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
+from jaxscissor.assembly import within_limits as within_limits
 from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import optimize_design as optimize_design
 from jaxscissor.dexterity import gear_ratios as gear_ratios
@@ -26,12 +28,19 @@ from jaxscissor.kinematics import inverse_kinematics as inverse_kinematics
 from jaxscissor.kinematics import residual as residual
 from jaxscissor.mechanisms._contract import Leg as Leg
 from jaxscissor.mechanisms._contract import Mechanism as Mechanism
+from jaxscissor.mechanisms.navaro import ACTUATION_MODES as ACTUATION_MODES
+from jaxscissor.mechanisms.navaro import NavaroII as NavaroII
+from jaxscissor.mechanisms.stewart import StewartGough as StewartGough
+from jaxscissor.mechanisms.tri_scott import Micabo as Micabo
+from jaxscissor.mechanisms.tri_scott import TriScott as TriScott
 from jaxscissor.mechanisms.triple_scissor import SLIDE_ANGLES as SLIDE_ANGLES
 from jaxscissor.mechanisms.triple_scissor import TripleScissorExtender as TripleScissorExtender
+from jaxscissor.mobility import Topology as Topology
 from jaxscissor.regions import Box as Box
 from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc
 from jaxscissor.scissor import Scissor as Scissor
+from jaxscissor.scott import Scott as Scott
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
 

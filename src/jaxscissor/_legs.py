@@ -13,7 +13,9 @@ from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
-from jaxscissor.mechanisms._contract import Joints, Mechanism, leg_residual, legs_of, split_joints
+from jaxscissor.mechanisms._contract import Joints, Mechanism, join_joints, leg_residual, legs_of, split_joints
+
+MAX_STEPS = 30
 
 
 class LegResult(NamedTuple):
@@ -108,3 +110,9 @@ def solve_legs(robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps
     guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
     cases = zip(placed.legs, placed.attachments, placed.homes, guesses, strict=True)
     return [solve_leg(*case, guess=g, tol=tol, max_steps=max_steps) for *case, g in cases]
+
+
+def closest_joints(robot: Mechanism, pose: jax.Array, tol: Any) -> jax.Array:
+    """All joints of the home working mode at a pose, or where it does not exist the closest to it."""
+    results = solve_legs(robot, place(robot, pose), None, tol, MAX_STEPS)
+    return join_joints(robot, [result.value for result in results])

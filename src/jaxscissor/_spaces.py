@@ -157,3 +157,18 @@ class R3:
     def rates_to_twist(pose: jax.Array) -> jax.Array:
         """Identity."""
         return jnp.eye(3, dtype=pose.dtype)
+
+
+def fit_triangle(corners: Sequence[Vec], points: Sequence[Vec]) -> tuple[Vec, Rotation]:
+    """Position and rotation that carry a triangle's corners (platform frame) to points at the same distances."""
+
+    def frame(p: Vec, q: Vec, r: Vec) -> list[Vec]:
+        along = q - p
+        normal = along.cross(r - p)
+        first, third = (v * safe_divide(1, safe_sqrt(v.dot(v))) for v in (along, normal))
+        return [first, third.cross(first), third]
+
+    body, world = frame(*corners), frame(*points)
+    axes = (tuple(f.components[i] for f in body) for i in range(3))
+    rotation = Rotation(*(world[0] * a + world[1] * b + world[2] * c for a, b, c in axes))
+    return points[0] - rotation @ corners[0], rotation

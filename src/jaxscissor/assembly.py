@@ -1,17 +1,22 @@
-"""All the ways in which a robot can be assembled: every working mode of a pose."""
+"""All the ways in which a robot can be assembled: the working modes of a pose, the assembly modes of its joints."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax import lax
 
-from jaxscissor._legs import place
+from jaxscissor._distinct import distinct
+from jaxscissor._legs import closest_joints, place
 from jaxscissor._newton import norm
-from jaxscissor._numerics import default_tol
-from jaxscissor._pytree import pytree
-from jaxscissor.mechanisms._contract import Mechanism, checked_pose
+from jaxscissor._numerics import Scalar, default_tol
+from jaxscissor._platform import State, all_joints, assemble, differentiable_pose, state_at
+from jaxscissor._pytree import as_floats, pytree, static
+from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, legs_of, split_joints
 
 
 @pytree
@@ -69,3 +74,152 @@ def _inverse_kinematics_all(robot: Mechanism, pose: jax.Array) -> WorkingModes:
         values.append(jnp.stack([jnp.stack(joints) for joints in solutions[0]]))
         valid.append(jnp.stack([v & c & placed.finite for v, c in zip(solutions[1], closed, strict=True)]))
     return WorkingModes(jnp.stack(values), jnp.stack(valid))
+
+
+@pytree
+class AssemblyModes:
+    """Every pose that the actuated joints allow.
+
+    Attributes:
+      values: ``(modes, d)`` poses, padded.
+      valid: ``(modes,)``, which entries are assembly modes.
+      joints: ``(modes, n)`` all joints in each mode, the passive ones included.
+      count: how many were found, which is more than ``modes`` if they did not fit.
+      complete: whether the count is that of an elimination, as opposed to a search.
+    """
+
+    values: jax.Array
+    valid: jax.Array
+    joints: jax.Array
+    count: jax.Array
+    complete: bool = static()
+
+
+def forward_kinematics_all(
+    robot: Mechanism,
+    joints: Any,
+    *,
+    tol: Any = None,
+    apart: Any = None,
+    starts: int = 4096,
+    modes: int = 40,
+    seed: int = 0,
+) -> AssemblyModes:
+    """All assembly modes: every pose that the actuated joints give the platform, limits of stroke aside.
+
+    Robots that can eliminate all unknowns but one (the TSE, NaVARo II, Tri-Scott, MICABO) yield all modes.
+    Others are searched by Newton's method from many poses, which may miss some: see ``complete``. In
+    either case each mode is polished on the closure equations, and has the implicit function's derivatives.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      joints: ``(m,)`` the actuated joints.
+      tol: closure residual, dimensionless, that counts as zero. Default: by the dtype.
+      apart: modes closer than this, in lengths of the robot and entries of the rotation matrix, count as one.
+        Default: 64 square roots of the dtype's rounding, as close as two modes can be told apart.
+      starts: poses that a search starts from.
+      modes: at most so many modes are returned from a search.
+      seed: of the poses that a search starts from.
+
+    Returns:
+      ``AssemblyModes``; entries that are not ``valid`` have zero derivative. Joints that are not finite, or
+      that fit no pose, have no valid entry. Which modes are physically sensible: see ``within_limits``.
+
+    Raises:
+      ValueError: wrong shape of the joints.
+
+    Example:
+      >>> import jax, jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> modes = js.forward_kinematics_all(robot, robot.home()[1])
+      >>> int(modes.count), modes.values.shape, modes.complete
+      (16, (16, 6), True)
+    """
+    joints = checked_joints(robot, joints, actuated_only=True)
+    robot, joints = as_floats(robot, joints)
+    tol = default_tol(joints.dtype) if tol is None else tol
+    apart = 64 * float(jnp.finfo(joints.dtype).eps) ** 0.5 if apart is None else apart
+    return _forward_kinematics_all(robot, joints, tol, apart, starts=starts, modes=modes, seed=seed)
+
+
+@partial(jax.jit, static_argnames=("starts", "modes", "seed"))
+def _forward_kinematics_all(
+    robot: Mechanism, joints: jax.Array, tol: Scalar, apart: Scalar, *, starts: int, modes: int, seed: int
+) -> AssemblyModes:
+    fixed, actuated = lax.stop_gradient((robot, joints))
+    finite = jnp.all(jnp.isfinite(joints))
+    actuated = jnp.where(finite, actuated, fixed.actuated(fixed.home()[1]))
+    known = fixed.assemblies(actuated)
+    if known is None:
+        poses, valid, steps = _anywhere(fixed, starts, seed), jnp.ones(starts, bool), 60
+    else:
+        (poses, valid), modes, steps = known, known[1].shape[0], 10
+
+    def polish(pose):
+        start = state_at(fixed, pose, closest_joints(fixed, pose, tol))
+        state, error, _ = assemble(fixed, actuated, start, tol, steps)
+        return state, error <= tol
+
+    states, closed = jax.vmap(polish)(poses)
+    place = jax.vmap(lambda state: _location(fixed, state))(states)
+    indices, count = distinct(place, closed & valid & finite, apart, modes)
+    chosen = jax.tree.map(lambda leaf: leaf[indices], states)
+    found = jnp.arange(modes) < count
+
+    def value(state, ok):
+        pose, passive = differentiable_pose(robot, joints, state, ok)
+        return pose, all_joints(robot, joints, State(state.position, state.rotation, passive))
+
+    values, configurations = jax.vmap(value)(chosen, found)
+    return AssemblyModes(values, found, configurations, count, known is not None)
+
+
+def _location(robot: Mechanism, state: State) -> jax.Array:
+    """Numbers that two states share only if they are the same pose: position in lengths of the robot, rotation."""
+    position = state.position.array() / robot.length
+    return jnp.concatenate([position, jnp.broadcast_to(state.rotation.array(), (len(position),) * 2).ravel()])
+
+
+def _anywhere(robot: Mechanism, count: int, seed: int) -> jax.Array:
+    """Random poses about home: positions within a cube of twice the robot's length, all orientations alike."""
+    home, _ = robot.home()
+    linear = robot.space.translations
+    draw = np.random.default_rng(seed)
+    low = np.concatenate([-np.ones(linear), np.full(robot.space.dimension - linear, -np.pi)])
+    turn = draw.uniform(low, -low, (count, len(low)))
+    if len(low) == 6:
+        turn[:, 4] = np.arcsin(turn[:, 4] / np.pi)
+    scale = jnp.where(jnp.arange(len(low)) < linear, robot.length, 1).astype(home.dtype)
+    center = jnp.where(jnp.arange(len(low)) < linear, home, 0)
+    return center + scale * jnp.asarray(turn, home.dtype)
+
+
+def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
+    """Which assembly modes are physically sensible: above the base, platform up, all legs within their limits.
+
+    Args:
+      robot: the robot.
+      modes: of ``forward_kinematics_all``.
+
+    Returns:
+      ``(modes,)``; never true where ``modes.valid`` is not.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> modes = js.forward_kinematics_all(robot, robot.home()[1])
+      >>> int(js.within_limits(robot, modes).sum())  # yaw 0 and yaw 180 deg
+      2
+    """
+
+    def sensible(pose, joints):
+        position, rotation = robot.space.place(pose)
+        attachments = robot.attachments(position, rotation)
+        legs = zip(legs_of(robot), split_joints(robot, joints), attachments, strict=True)
+        margins = [margin for leg, q, attachment in legs for margin in leg.margins(q, attachment)]
+        if robot.space.translations == 3:
+            margins += [position.z, rotation.columns[2].z]
+        return jnp.all(jnp.stack(margins) >= 0) if margins else jnp.asarray(True)
+
+    robot, values, joints = as_floats(robot, modes.values, modes.joints)
+    return modes.valid & jax.vmap(sensible)(values, joints)

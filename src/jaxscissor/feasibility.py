@@ -10,12 +10,11 @@ import numpy as np
 from jax import lax
 
 from jaxscissor._fence import fence
-from jaxscissor._legs import LegResult, leg_status, place, solve_leg
+from jaxscissor._legs import MAX_STEPS, LegResult, leg_status, place, solve_leg
 from jaxscissor._newton import fold_distance, least_squares, norm
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt, smallest
 from jaxscissor._pytree import pytree
 from jaxscissor._solution import Status
-from jaxscissor.kinematics import MAX_STEPS
 from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_pose, leg_residual
 
 

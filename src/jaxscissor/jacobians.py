@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 
 from jaxscissor._fence import fence
-from jaxscissor._legs import place, solve_legs
+from jaxscissor._legs import MAX_STEPS, place, solve_legs
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol, determinant, solve
 from jaxscissor._pytree import as_floats
-from jaxscissor.kinematics import MAX_STEPS, flat_residual
+from jaxscissor.kinematics import flat_residual
 from jaxscissor.mechanisms._contract import (
     Joints,
     Mechanism,

@@ -8,15 +8,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._legs import leg_status, place, solve_legs
-from jaxscissor._newton import implicit, newton, norm, value_and_jacobian
-from jaxscissor._numerics import Scalar, default_tol, determinant
+from jaxscissor._legs import MAX_STEPS, closest_joints, leg_status, place, solve_legs
+from jaxscissor._newton import norm
+from jaxscissor._numerics import Scalar, default_tol
+from jaxscissor._platform import all_joints, assemble, assembly_sign, differentiable_pose, state_at
 from jaxscissor._pytree import as_floats
 from jaxscissor._solution import Solution, Status
 from jaxscissor.mechanisms._contract import (
-    Joints,
     Mechanism,
-    actuated_mask,
     checked_joints,
     checked_pose,
     closure,
@@ -24,8 +23,6 @@ from jaxscissor.mechanisms._contract import (
     legs_of,
     split_joints,
 )
-
-MAX_STEPS = 30
 
 
 def residual(robot: Mechanism, joints: Any, pose: Any) -> jax.Array:
@@ -174,23 +171,16 @@ def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Sc
     start_pose, start_joints = _assembled_guess(robot, guess, finite, tol)
     home_actuated = robot.actuated(start_joints)
     joints = jnp.where(finite, joints, home_actuated)
-    passive = tuple(q for q, a in zip(start_joints, actuated_mask(robot), strict=True) if not a)
-    start = (*robot.space.place(start_pose), passive)
-    legs = legs_of(robot)
-    args = (robot, legs, joints)
+    start = state_at(robot, start_pose, start_joints)
+    state, error, steps = assemble(robot, joints, start, tol, max_steps)
 
-    state, error, steps = newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=_retraction(robot))
+    same = assembly_sign(robot, joints, state) == assembly_sign(robot, home_actuated, start)
     converged = error <= tol
-    same = _assembly_sign(state, args) == _assembly_sign(start, (robot, legs, home_actuated))
-    fits = [leg.closes(q) for leg, q in zip(legs, _leg_joints(robot, joints, state[2]), strict=True)]
     status = jnp.where(converged, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
-    for fit in fits:
-        status = jnp.where(converged | fit, status, Status.NO_SOLUTION)
+    for leg, q in zip(legs_of(robot), split_joints(robot, all_joints(robot, joints, state)), strict=True):
+        status = jnp.where(converged | leg.closes(q), status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)
-
-    coordinates = (*robot.space.coordinates(state[0], state[1]), *state[2])
-    root = implicit(_pose_residual, coordinates, status == Status.CONVERGED, args)
-    pose = jnp.stack(root[: robot.space.dimension])
+    pose, _ = differentiable_pose(robot, joints, state, status == Status.CONVERGED)
     return Solution(
         value=jnp.where(finite, pose, jnp.nan),
         status=status,
@@ -204,51 +194,5 @@ def _assembled_guess(robot: Mechanism, guess: Any, finite: Scalar, tol: Scalar) 
     pose, joints = robot.home()
     if guess is not None:
         pose = jnp.where(finite, guess, pose)
-        placed = place(robot, pose)
-        joints = join_joints(robot, [r.value for r in solve_legs(robot, placed, None, tol, MAX_STEPS)])
+        joints = closest_joints(robot, pose, tol)
     return lax.stop_gradient((pose, joints))
-
-
-def _leg_joints(robot: Mechanism, actuated: jax.Array, passive: Joints) -> list[Joints]:
-    """All joints leg by leg, from the actuated and the passive ones."""
-    taken, free = iter(actuated), iter(passive)
-    return split_joints(robot, [next(taken) if a else next(free) for a in actuated_mask(robot)])
-
-
-def _state_residual(state, args) -> Joints:
-    """Closure equations of a state (position, rotation, passive joints) at given (robot, legs, actuated joints)."""
-    position, rotation, passive = state
-    robot, legs, actuated = args
-    return closure(robot, legs, _leg_joints(robot, actuated, passive), position, rotation)
-
-
-def _pose_residual(unknowns: Joints, args) -> Joints:
-    """The same with the pose as coordinates."""
-    robot = args[0]
-    size = robot.space.dimension
-    return _state_residual((*robot.space.place(jnp.stack(unknowns[:size])), unknowns[size:]), args)
-
-
-def _retraction(robot: Mechanism):
-    """Step of the state: lengths in units of the robot's length, angles on the group."""
-    size, linear = robot.space.dimension, robot.space.translations
-    scale = lax.stop_gradient(robot.length)
-
-    def retract(state, step):
-        position, rotation, passive = state
-        twist = [scale * d if i < linear else d for i, d in enumerate(step[:size])]
-        moved = robot.space.retract(position, rotation, twist)
-        return (*moved, tuple(q + d for q, d in zip(passive, step[size:], strict=True)))
-
-    return retract
-
-
-@jax.jit
-def _assembly_sign(state, args) -> Scalar:
-    """Sign of det d residual / d (twist, passive joints), which names the assembly mode between singularities."""
-    state, args = lax.stop_gradient((state, args))
-    retract = _retraction(args[0])
-    count = len(_state_residual(state, args))
-    zero = tuple(jnp.zeros_like(args[2][0]) for _ in range(count))
-    _, rows = value_and_jacobian(lambda d: _state_residual(retract(state, d), args), zero)
-    return jnp.sign(determinant(rows))

@@ -108,6 +108,13 @@ class Mechanism:
         """A consistent (pose, joints) that names the working mode."""
         raise NotImplementedError
 
+    def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array] | None:
+        """Every pose ``(modes, d)`` that the actuated joints allow, padded, and which are real ``(modes,)``.
+
+        Only this can prove how many there are. Default: unknown, and the library searches.
+        """
+        return None
+
     def __repr__(self) -> str:
         """A table of the robot's dimensions with units."""
         rows = [(f.name, _shown(getattr(self, f.name)), f.metadata.get("unit", "")) for f in dataclasses.fields(self)]  # type: ignore[arg-type]

@@ -16,6 +16,7 @@ from jaxscissor._pytree import pytree, unchecked
 from jaxscissor._quartic import quartic_roots
 from jaxscissor._vectors import Vec
 from jaxscissor.mechanisms._contract import Joints, Leg
+from jaxscissor.mechanisms._octahedron import Circle
 from jaxscissor.scissor import Scissor
 
 
@@ -137,6 +138,17 @@ class ScissorLeg(Leg):
         """Whether the feet are no farther apart than the scissor spans, 2 l0."""
         base = self.slide_a * joints[0] - self.slide_b * joints[1]
         return base.dot(base) <= (2 * self.base_link) ** 2
+
+    def apex_circle(self, joints: Joints) -> Circle:
+        """Where the apex can be with the feet held, in units of L: about their line, at the scissor's height."""
+        foot_a, foot_b = self.slide_a * joints[0], self.slide_b * joints[1]
+        base = (foot_a - foot_b) * (1 / self.length)
+        width2 = base.dot(base)
+        axis = base * safe_divide(1, safe_sqrt(width2))
+        height = safe_sqrt(1 - width2 * (self.length / (2 * self.base_link)) ** 2)
+        vertical = Vec(0.0, 0.0, 1.0) - axis * axis.z
+        up = vertical * safe_divide(height, safe_sqrt(vertical.dot(vertical)))
+        return Circle((self.origin + (foot_a + foot_b) * 0.5) * (1 / self.length), up, axis.cross(up))
 
     def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
         """All four working modes: where the ellipse of eq. 13 meets the hyperbola of eq. 10."""

@@ -11,9 +11,10 @@ import jax.numpy as jnp
 from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, safe_sqrt
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity, unchecked
-from jaxscissor._spaces import SE3
+from jaxscissor._spaces import SE3, fit_triangle
 from jaxscissor._vectors import Rotation, Vec
-from jaxscissor.mechanisms._contract import Mechanism
+from jaxscissor.mechanisms._contract import Mechanism, legs_of, split_joints
+from jaxscissor.mechanisms._octahedron import inscribed_triangles
 from jaxscissor.mechanisms._scissor_leg import ScissorLeg
 from jaxscissor.scissor import Scissor
 
@@ -183,9 +184,27 @@ class TripleScissorExtender(Mechanism):
 
     def attachments(self, position: Vec, rotation: Rotation) -> list[Vec]:
         """The three apices, in the base frame [RAL17 eq. 3]."""
+        return [position + rotation @ corner for corner in self._corners()]
+
+    def _corners(self) -> list[Vec]:
+        """The ball joints in the platform frame."""
         radius, azimuths = self.top_radius, self.azimuths
-        corners = fence([radius * jnp.cos(azimuths), radius * jnp.sin(azimuths)])
-        return [position + rotation @ Vec(corners[0][i], corners[1][i], -self.top_offset) for i in range(3)]
+        x, y = fence([radius * jnp.cos(azimuths), radius * jnp.sin(azimuths)])
+        return [Vec(x[i], y[i], -self.top_offset) for i in range(3)]
+
+    def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Up to 16 poses: with the slides held, every apex runs on a circle about the line of its feet."""
+        corners, scale = self._corners(), self.length
+        circles = [leg.apex_circle(q) for leg, q in zip(legs_of(self), split_joints(self, joints), strict=True)]
+        pairs = zip(corners, [*corners[1:], corners[0]], strict=True)
+        sides = [safe_sqrt((a - b).dot(a - b)) / scale for a, b in pairs]
+        angles, valid = inscribed_triangles(circles, tuple(sides))
+
+        def pose(angles):
+            points = [circle.at(angle) * scale for circle, angle in zip(circles, angles, strict=True)]
+            return jnp.stack(self.space.coordinates(*fit_triangle(corners, points)))
+
+        return jax.vmap(pose)(angles), valid
 
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Level on the axis, slides in the middle of what stroke, stops and the home mode allow."""

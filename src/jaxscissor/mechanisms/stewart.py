@@ -1,0 +1,161 @@
+"""The Gough-Stewart platform: six telescopic legs, the robot that the papers compare with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._numerics import Scalar, limit_margins, safe_divide, safe_sqrt
+from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity
+from jaxscissor._spaces import SE3
+from jaxscissor._vectors import Rotation, Vec
+from jaxscissor.mechanisms._contract import Joints, Leg, Mechanism
+from jaxscissor.mobility import Topology
+
+
+@pytree
+class TelescopicLeg(Leg):
+    """A leg of variable length between two ball joints.
+
+    Attributes:
+      anchor: on the base.
+      scale: the robot's length.
+      stroke: least and greatest length.
+    """
+
+    anchor: Vec
+    scale: Scalar
+    stroke: tuple[Scalar, Scalar]
+
+    actuated = (True,)
+
+    def residual(self, joints: Joints, attachment: Vec) -> Joints:
+        """Squared distance of the joints less the squared length, in units of the robot's length."""
+        bar = attachment - self.anchor
+        return ((bar.dot(bar) - joints[0] ** 2) / self.scale**2,)
+
+    def start(self, attachment: Vec) -> tuple[Joints, Scalar]:
+        """The solution itself; it exists everywhere."""
+        bar = attachment - self.anchor
+        length = safe_sqrt(bar.dot(bar))
+        return (length,), length / self.scale
+
+    def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
+        """One: a length is not negative."""
+        joints, reach = self.start(attachment)
+        return [joints], [reach >= 0]
+
+    def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
+        """Length within its stroke."""
+        return limit_margins(joints[0], *self.stroke, self.scale)
+
+    def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
+        """Cylinder, of the least length where that is known, and rod."""
+        bar = attachment - self.anchor
+        share = jnp.clip(safe_divide(self.stroke[0], joints[0]), 0, 1)
+        joint = self.anchor + bar * jnp.where(share > 0, share, 0.5)
+        return [(self.anchor, joint), (joint, attachment)]
+
+
+@pytree
+class StewartGough(Mechanism):
+    """Six-degree-of-freedom platform on six telescopic legs; joints are their lengths.
+
+    Args:
+      base: ``(6, 3)`` ball joints in the base frame.
+      platform: ``(6, 3)`` ball joints in the platform frame.
+      stroke: least and greatest length of the legs.
+
+    Raises:
+      ValueError: wrong shapes, joints of base or platform on one line, a stroke that no upright pose over
+        the middle of the base meets.
+
+    Example:
+      >>> robot = StewartGough.prototype()
+      >>> pose, joints = robot.home()
+      >>> joints.shape
+      (6,)
+    """
+
+    base: Any = quantity("m")
+    platform: Any = quantity("m")
+    stroke: Any = quantity("m", default=(0.0, math.inf))
+
+    space = SE3
+    topology: ClassVar[Topology] = Topology(links=14, freedoms=(2,) * 6 + (1,) * 6 + (3,) * 6)
+    """Base, platform, cylinders and rods; universal joints below, prismatic ones between, ball joints above."""
+
+    def __post_init__(self):
+        arrays = as_arrays(self.base, self.platform, self.stroke)
+        shapes = {"base": (6, 3), "platform": (6, 3), "stroke": (2,)}
+        for (name, shape), array in zip(shapes.items(), arrays, strict=True):
+            object.__setattr__(self, name, array)
+            if array.shape != shape:
+                raise ValueError(f"Got {name} of shape {array.shape}; expected {shape}.")
+        if is_concrete(arrays):
+            with jax.ensure_compile_time_eval():
+                _check(self)
+
+    @classmethod
+    def prototype(cls) -> StewartGough:
+        """Pairs of joints on circles of 1 m and 0.6 m, base and platform turned by 60 deg, legs of 1 to 2 m."""
+        third, half = 2 * math.pi / 3, math.radians(12)
+        base = [third * (i // 2) + (half if i % 2 else -half) for i in range(6)]
+        top = [third * (i // 2) + (third / 2 - half if i % 2 else half - third / 2) for i in range(6)]
+        circles = (1.0, base), (0.6, top)
+        points = [[[r * math.cos(a), r * math.sin(a), 0.0] for a in angles] for r, angles in circles]
+        return cls(points[0], points[1], (1.0, 2.0))
+
+    @property
+    def length(self) -> Scalar:
+        """Root mean square distance of the base's joints from their middle, times sqrt(2)."""
+        return safe_sqrt(jnp.sum((self.base - jnp.mean(self.base, axis=0)) ** 2) / 3)
+
+    def legs(self) -> TelescopicLeg:
+        """The six legs, with all their dimensions leg by leg."""
+
+        def each(value):
+            return jnp.broadcast_to(value, (6,))
+
+        return TelescopicLeg(Vec(*self.base.T), each(self.length), (each(self.stroke[0]), each(self.stroke[1])))
+
+    def attachments(self, position: Vec, rotation: Rotation) -> list[Vec]:
+        """The platform's ball joints in the base frame."""
+        return [position + rotation @ Vec(*corner) for corner in self.platform]
+
+    def home(self) -> tuple[jax.Array, jax.Array]:
+        """Upright over the middle of the base; the mean of the squared lengths is that of the middle of the stroke."""
+        flat = self.platform - jnp.mean(self.platform, axis=0) - (self.base - jnp.mean(self.base, axis=0))
+        low, high = self.stroke
+        ends = jnp.isfinite(high)
+        middle = jnp.where(ends, (low + jnp.where(ends, high, 0)) / 2, low + 1.5 * self.length)
+        rise = safe_sqrt(middle**2 - jnp.mean(jnp.sum(flat**2, axis=1)))
+        offset = jnp.mean(self.base, axis=0) - jnp.mean(self.platform, axis=0)
+        position = offset.at[2].add(rise)
+        lengths = safe_sqrt(jnp.sum((self.platform + position - self.base) ** 2, axis=1))
+        return jnp.concatenate([position, jnp.zeros(3, position.dtype)]), lengths
+
+
+def _check(robot: StewartGough) -> None:
+    """Raise for geometry that describes no robot; every message says what was got and what to do."""
+    for name in ("base", "platform"):
+        points = np.asarray(getattr(robot, name), float)
+        if not np.all(np.isfinite(points)):
+            raise ValueError(f"Got {name} = {points.tolist()}; expected finite numbers.")
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[1] <= 1e-6 * spread[0] or spread[0] == 0:
+            raise ValueError(f"Got {name} = {points.tolist()}: all joints on one line. Expected a body they can hold.")
+    low, high = (float(limit) for limit in robot.stroke)
+    if not 0 <= low < high:
+        raise ValueError(f"Got stroke = ({low}, {high}); expected 0 <= least < greatest.")
+    _, joints = robot.home()
+    if not bool(jnp.all((joints > 0) & (joints >= low) & (joints <= high))):
+        raise ValueError(
+            f"No upright pose over the middle of the base has all legs within the stroke ({low}, {high}): the best has "
+            f"lengths {joints.tolist()}. Widen the stroke, or bring base and platform into agreement with it."
+        )
