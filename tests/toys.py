@@ -17,6 +17,7 @@ class RPRLeg(js.Leg):
     anchor: js.Vec
     scale: jax.Array
     actuated = (False, True)
+    angular = (True, False)
 
     def residual(self, joints, attachment):
         turn, length = joints

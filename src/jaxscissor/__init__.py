@@ -41,6 +41,8 @@ from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc
 from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor.scott import Scott as Scott
+from jaxscissor.singularity import Singularity as Singularity
+from jaxscissor.singularity import singularity as singularity
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
 

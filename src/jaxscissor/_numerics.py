@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxscissor._vectors import Vec
 
@@ -67,7 +69,23 @@ def determinant(rows: Sequence[Sequence[Scalar]]) -> Scalar:
     if len(rows) == 3:
         a, b, c = (Vec(*row) for row in rows)
         return a.dot(b.cross(c))
+    if len(rows) <= 6:
+        return _laplace(_matrix(rows))
     return jnp.linalg.det(_matrix(rows))
+
+
+def _laplace(matrix: jax.Array) -> Scalar:
+    """Expansion along the upper half of the rows: a polynomial, so that its derivatives exist at rank loss."""
+    size, half = matrix.shape[0], matrix.shape[0] // 2
+    chosen = np.array(list(itertools.combinations(range(size), half)))
+    rest = np.array([[j for j in range(size) if j not in row] for row in chosen])
+    signs = (-1) ** (chosen.sum(axis=1) - half * (half - 1) // 2)
+
+    def minors(rows, columns):
+        picked = rows[:, columns]  # (rows, choices, columns)
+        return determinant([[picked[i, :, j] for j in range(picked.shape[2])] for i in range(picked.shape[0])])
+
+    return jnp.sum(signs.astype(matrix.dtype) * minors(matrix[:half], chosen) * minors(matrix[half:], rest))
 
 
 def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jaxscissor._distinct import distinct
@@ -101,7 +100,7 @@ def forward_kinematics_all(
     *,
     tol: Any = None,
     apart: Any = None,
-    starts: int = 4096,
+    starts: int = 8192,
     modes: int = 40,
     seed: int = 0,
 ) -> AssemblyModes:
@@ -142,9 +141,9 @@ def forward_kinematics_all(
     return _forward_kinematics_all(robot, joints, tol, apart, starts=starts, modes=modes, seed=seed)
 
 
-@partial(jax.jit, static_argnames=("starts", "modes", "seed"))
+@partial(jax.jit, static_argnames=("starts", "modes"))
 def _forward_kinematics_all(
-    robot: Mechanism, joints: jax.Array, tol: Scalar, apart: Scalar, *, starts: int, modes: int, seed: int
+    robot: Mechanism, joints: jax.Array, tol: Scalar, apart: Scalar, *, starts: int, modes: int, seed: Scalar
 ) -> AssemblyModes:
     fixed, actuated = lax.stop_gradient((robot, joints))
     finite = jnp.all(jnp.isfinite(joints))
@@ -180,18 +179,15 @@ def _location(robot: Mechanism, state: State) -> jax.Array:
     return jnp.concatenate([position, jnp.broadcast_to(state.rotation.array(), (len(position),) * 2).ravel()])
 
 
-def _anywhere(robot: Mechanism, count: int, seed: int) -> jax.Array:
+def _anywhere(robot: Mechanism, count: int, seed: Scalar) -> jax.Array:
     """Random poses about home: positions within a cube of twice the robot's length, all orientations alike."""
     home, _ = robot.home()
-    linear = robot.space.translations
-    draw = np.random.default_rng(seed)
-    low = np.concatenate([-np.ones(linear), np.full(robot.space.dimension - linear, -np.pi)])
-    turn = draw.uniform(low, -low, (count, len(low)))
-    if len(low) == 6:
-        turn[:, 4] = np.arcsin(turn[:, 4] / np.pi)
-    scale = jnp.where(jnp.arange(len(low)) < linear, robot.length, 1).astype(home.dtype)
-    center = jnp.where(jnp.arange(len(low)) < linear, home, 0)
-    return center + scale * jnp.asarray(turn, home.dtype)
+    d, linear = robot.space.dimension, robot.space.translations
+    unit = jax.random.uniform(jax.random.key(seed), (count, d), home.dtype, -1, 1)
+    if d == 6:  # pitch spreads like the sine, so that no axis is preferred
+        unit = unit.at[:, 4].set(jnp.arcsin(unit[:, 4]) / jnp.pi)
+    shifts = jnp.arange(d) < linear
+    return jnp.where(shifts, home, 0) + unit * jnp.where(shifts, robot.length, jnp.asarray(jnp.pi, home.dtype))
 
 
 def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:

@@ -31,6 +31,7 @@ class Leg:
     """One leg, unbatched. Subclasses are pytrees; the library maps over legs and poses."""
 
     actuated: ClassVar[tuple[bool, ...]]  # one entry per joint of the leg; False is passive
+    angular: ClassVar[tuple[bool, ...] | None] = None  # which joints are angles; None: all are lengths
 
     def residual(self, joints: Joints, attachment: Attachment) -> Joints:
         """Closure equations, as many as joints, dimensionless and of order one."""

@@ -50,6 +50,7 @@ class NavaroLeg(Leg):
     crosses: int = static()
 
     actuated = (False, True)  # the robot's actuation mode decides
+    angular = (True, False)
 
     def residual(self, joints: Joints, attachment: Vec) -> Joints:
         """A + rho (cos theta, sin theta) - B, in units of the robot's length [NAV19 eqs. 7-12]."""

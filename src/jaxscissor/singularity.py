@@ -1,0 +1,170 @@
+"""How close a configuration is to a singularity, after Gosselin and Angeles: type 1, type 2 and both at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._legs import place
+from jaxscissor._newton import value_and_jacobian
+from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt
+from jaxscissor._pytree import as_floats, pytree
+from jaxscissor._solution import Status
+from jaxscissor._vectors import Rotation, Vec
+from jaxscissor.kinematics import inverse_kinematics
+from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, closure, legs_of, split_joints
+
+
+@pytree
+class Singularity:
+    """Measures of one configuration, or of a batch under ``vmap``; all ``nan`` unless ``CONVERGED``.
+
+    Attributes:
+      type1: ``(legs,)``, zero where a leg is stretched or folded and its joints can move while the platform
+        rests: two working modes meet. Within -1 and 1, positive at home.
+      type2: ``()``, zero where the platform can move while the actuators rest: two assembly modes meet.
+        Within -1 and 1, positive at home.
+      joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest.
+      platform_motion: ``(d,)`` twist closest to one with the actuators at rest.
+      status: as of ``inverse_kinematics``.
+    """
+
+    type1: jax.Array
+    type2: jax.Array
+    joint_motion: jax.Array
+    platform_motion: jax.Array
+    status: jax.Array
+
+    @property
+    def type3(self) -> jax.Array:
+        """Zero where both types meet at once: the sum of the squares of type 2 and the least type 1."""
+        return self.type2**2 + jnp.min(self.type1**2, axis=-1)
+
+    @property
+    def leg(self) -> jax.Array:
+        """The leg that is closest to a type-1 singularity."""
+        return jnp.argmin(jnp.abs(self.type1), axis=-1)
+
+
+def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singularity:
+    """Type-1 and type-2 singularity measures of a configuration, with the motions that go with them.
+
+    With A and B the derivatives of the closure by twist and actuated joints, the passive joints eliminated,
+    A t + B dq = 0, the type-2 measure is det A / sqrt(det(A A^T + B B^T)), and a leg's type-1 measure the
+    same with its own B instead of A in front and the platform's translations in A: coordinates of the space
+    of motions, which are free of the scale of the equations. Lengths count in units of the robot's length.
+    Of robots with constraints on the pose, these belong to A [RAL17 eqs. 16-18, NAV19 eqs. 1-6].
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+      joints: ``(n,)`` all joints, which choose the working mode. Default: those of the home mode.
+
+    Returns:
+      ``Singularity``, differentiable across the loci. The motions have norm one with lengths in units of the
+      robot's length, no meaningful sign, and no derivative.
+
+    Raises:
+      ValueError: wrong shapes.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.NavaroII.prototype(mode=8)
+      >>> measures = js.singularity(robot, [45.0, 26.0, 0.0])  # similar triangles, not turned: the platform is loose
+      >>> bool(abs(measures.type2) < 1e-6), bool((measures.type1 > 0).all())
+      (True, True)
+    """
+    robot, pose = checked_pose(robot, pose)
+    if joints is not None:
+        joints = checked_joints(robot, joints)
+        robot, pose, joints = as_floats(robot, pose, joints)
+    return _singularity(robot, pose, joints)
+
+
+@jax.jit
+def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
+    if joints is None:
+        solution = inverse_kinematics(robot, pose)
+        joints, status = solution.value, solution.status
+    else:
+        status = jnp.where(jnp.all(jnp.isfinite(joints)), Status.CONVERGED, Status.NONFINITE)
+    placed = place(robot, pose)
+    usable = placed.finite & (status == Status.CONVERGED)
+    home_pose, home_joints = robot.home()
+    safe = jnp.where(jnp.isfinite(joints), joints, home_joints)
+    type1, type2, matrix = _measures(robot, placed.position, placed.rotation, safe)
+    signs = lax.stop_gradient(_measures(robot, *robot.space.place(home_pose), home_joints)[:2])
+    type1, type2 = (jnp.where(sign < 0, -1, 1) * value for sign, value in zip(signs, (type1, type2), strict=True))
+    outputs = (type1, type2, *_motions(robot, lax.stop_gradient(matrix)))
+    return Singularity(*(jnp.where(usable, value, jnp.nan) for value in outputs), status.astype(jnp.int32))
+
+
+def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):
+    """Both measures with the sign of the equations as they stand, and the matrix they come from."""
+    matrix = _closure_matrix(robot, position, rotation, joints)
+    d, linear = robot.space.dimension, robot.space.translations
+    type1 = []
+    for columns in _leg_columns(robot):
+        block = matrix[jnp.array(columns) - d]  # one equation per joint
+        own, moved = block[:, jnp.array(columns)], block[:, :linear]
+        type1.append(safe_divide(_det(own), safe_sqrt(_det(own @ own.T + moved @ moved.T))))
+    actuated = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if a]
+    passive = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if not a]
+    twist, driven, free = matrix[:, :d], matrix[:, jnp.array(actuated)], matrix[:, jnp.array(passive, int)]
+    # det(N A A^T N^T + N B B^T N^T) for any N that eliminates the passive columns, without choosing one
+    gram = twist @ twist.T + driven @ driven.T
+    corner = jnp.zeros((len(passive), len(passive)), gram.dtype)
+    bordered = jnp.block([[gram, free], [free.T, corner]]) if passive else gram
+    type2 = safe_divide(_det(jnp.concatenate([twist, free], axis=1)), safe_sqrt(jnp.abs(_det(bordered))))
+    return jnp.stack(type1), type2, matrix
+
+
+def _closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array) -> jax.Array:
+    """Derivative of the closure by (twist, joints leg by leg), lengths in units of the robot's length."""
+    legs, angular = legs_of(robot), robot.legs().angular
+    d, linear = robot.space.dimension, robot.space.translations
+    split = split_joints(robot, joints)
+
+    def equations(steps):
+        twist = [robot.length * s if i < linear else s for i, s in enumerate(steps[:d])]
+        moved = robot.space.retract(position, rotation, twist)
+        rest = iter(steps[d:])
+        turned = [
+            tuple(q + next(rest) * (1 if angular and angular[i] else robot.length) for i, q in enumerate(leg))
+            for leg in split
+        ]
+        return closure(robot, legs, turned, *moved)
+
+    zero = jnp.zeros_like(joints[0])
+    _, rows = value_and_jacobian(equations, (zero,) * (d + joints.shape[0]))
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
+def _leg_columns(robot: Mechanism) -> list[list[int]]:
+    """Columns of the closure matrix that belong to each leg's joints."""
+    columns, start = [], robot.space.dimension
+    for leg in robot.actuation():
+        columns.append(list(range(start, start + len(leg))))
+        start += len(leg)
+    return columns
+
+
+def _motions(robot: Mechanism, matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Right singular vectors of the least singular values: joints with the platform at rest, twist with actuators."""
+    d = robot.space.dimension
+    joints = [_null(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in _leg_columns(robot)]
+    passive = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if not a]
+    twist = _null(matrix[:, jnp.array([*range(d), *passive])])[:d]
+    scale = jnp.where(jnp.arange(d) < robot.space.translations, robot.length, 1)
+    return jnp.stack(joints), scale * twist * safe_divide(1, safe_sqrt(jnp.sum(twist**2)))
+
+
+def _null(matrix: jax.Array) -> jax.Array:
+    return jnp.linalg.svd(matrix)[2][-1]
+
+
+def _det(matrix: jax.Array) -> Scalar:
+    return determinant([[matrix[i, j] for j in range(matrix.shape[1])] for i in range(matrix.shape[0])])
