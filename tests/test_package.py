@@ -14,14 +14,15 @@ import jaxscissor as js
 ROOT = pathlib.Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "jaxscissor"
 LEVELS = [
-    {"_vectors", "_pytree", "_fence"},
-    {"_numerics", "_solution"},
-    {"_spaces", "_newton", "_quartic", "scissor"},
-    {"mechanisms._contract"},
-    {"mechanisms._scissor_leg"},
-    {"mechanisms.triple_scissor", "_legs"},
-    {"kinematics", "assembly"},
-    {"jacobians", "feasibility"},
+    {"_vectors", "_pytree", "_fence", "mobility"},
+    {"_numerics", "_solution", "_trigonometric"},
+    {"_spaces", "_newton", "_quartic", "_distinct", "scissor", "scott"},
+    {"mechanisms._contract", "mechanisms._octahedron", "mechanisms._planar_triangle"},
+    {"mechanisms._scissor_leg", "mechanisms._scott_leg", "mechanisms._planar_home"},
+    {"mechanisms.triple_scissor", "mechanisms.navaro", "mechanisms.tri_scott", "mechanisms.stewart", "_legs"},
+    {"_platform"},
+    {"kinematics", "assembly", "constraints"},
+    {"jacobians", "feasibility", "singularity"},
     {"dexterity", "regions"},
     {"workspace", "design"},
     {"plot"},

@@ -98,6 +98,7 @@ class ThreePRS(js.Mechanism):
     rod: jax.Array
     top_radius: jax.Array
     space = js.SE3
+    dependent = ("x", "y", "yaw")
 
     @classmethod
     def example(cls):

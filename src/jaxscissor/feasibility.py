@@ -15,6 +15,7 @@ from jaxscissor._newton import fold_distance, least_squares, norm
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt, smallest
 from jaxscissor._pytree import pytree
 from jaxscissor._solution import Status
+from jaxscissor.constraints import constrained_pose
 from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_pose, leg_residual
 
 
@@ -65,6 +66,15 @@ def feasibility(robot: Mechanism, pose: Any) -> Feasibility:
     """
     robot, pose = checked_pose(robot, pose)
     return _feasibility(robot, pose)
+
+
+def reached_margin(robot: Mechanism, pose: jax.Array) -> Scalar:
+    """Margin of the pose with these independent coordinates; where the constraints have no solution, negative."""
+    if not robot.dependent:
+        return feasibility(robot, pose).margin
+    whole = constrained_pose(robot, pose)
+    margin = feasibility(robot, jnp.where(whole.converged, whole.value, lax.stop_gradient(robot.home()[0]))).margin
+    return jnp.where(whole.converged, margin, jnp.where(jnp.isnan(whole.value[0]), -jnp.inf, -whole.residual_norm))
 
 
 @jax.jit

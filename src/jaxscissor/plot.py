@@ -12,7 +12,7 @@ import numpy as np
 from jaxscissor._legs import place
 from jaxscissor._vectors import Vec
 from jaxscissor.design import DesignResult
-from jaxscissor.feasibility import feasibility
+from jaxscissor.feasibility import reached_margin
 from jaxscissor.kinematics import inverse_kinematics
 from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, split_joints
 
@@ -84,7 +84,7 @@ def _drawing(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> _Drawing:
 
 @jax.jit
 def _margins(robot: Mechanism, poses: jax.Array) -> jax.Array:
-    return jax.vmap(lambda pose: feasibility(robot, pose).margin)(poses)
+    return jax.vmap(lambda pose: reached_margin(robot, pose))(poses)
 
 
 def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", size: float = 2.0) -> Axes:

@@ -98,8 +98,9 @@ def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
     type1, type2, matrix = _measures(robot, placed.position, placed.rotation, safe)
     signs = lax.stop_gradient(_measures(robot, *robot.space.place(home_pose), home_joints)[:2])
     type1, type2 = (jnp.where(sign < 0, -1, 1) * value for sign, value in zip(signs, (type1, type2), strict=True))
-    outputs = (type1, type2, *_motions(robot, lax.stop_gradient(matrix)))
-    return Singularity(*(jnp.where(usable, value, jnp.nan) for value in outputs), status.astype(jnp.int32))
+    joint_motion, platform_motion = _motions(robot, lax.stop_gradient(matrix))
+    measures = Singularity(type1, type2, joint_motion, platform_motion, status.astype(jnp.int32))
+    return jax.tree.map(lambda x: x if x.dtype == jnp.int32 else jnp.where(usable, x, jnp.nan), measures)
 
 
 def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):

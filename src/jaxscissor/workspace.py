@@ -14,7 +14,7 @@ from jax.core import Tracer
 
 from jaxscissor._fence import fence
 from jaxscissor._pytree import as_floats, float_dtype, pytree
-from jaxscissor.feasibility import feasibility
+from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Sample
 
@@ -158,7 +158,7 @@ def _chunk_poses(sample: Any, index: jax.Array, chunk: int, size: jax.Array) -> 
 def _count(robot, sample, size, first, last, chunk: int) -> jax.Array:
     def step(index, total):
         poses, counted = _chunk_poses(sample, index, chunk, size)
-        reached = jax.vmap(lambda pose: feasibility(robot, pose).margin >= 0)(poses)
+        reached = jax.vmap(lambda pose: reached_margin(robot, pose) >= 0)(poses)
         return total + jnp.sum(reached & counted, dtype=jnp.uint32)
 
     return lax.fori_loop(first, last, step, jnp.uint32(0))
@@ -203,7 +203,7 @@ def _chunk_count(size: jax.Array, chunk: int) -> jax.Array:
 
 def _soft_chunk(robot, sample, size, sharpness, index, chunk: int) -> jax.Array:
     poses, counted = _chunk_poses(sample, index.astype(jnp.uint32), chunk, size)
-    soft = jax.vmap(lambda pose: _smooth_step(sharpness * feasibility(robot, pose).margin))(poses)
+    soft = jax.vmap(lambda pose: _smooth_step(sharpness * reached_margin(robot, pose)))(poses)
     return jnp.sum(jnp.where(counted, soft, 0))
 
 

@@ -76,6 +76,8 @@ class Mechanism:
     """A parallel robot. Subclasses are pytrees whose leaves are the design."""
 
     space: ClassVar[type[Space]]
+    dependent: ClassVar[tuple[str, ...]] = ()
+    """Names of the pose coordinates that the constraints determine from the others (parasitic motion)."""
     joint_order: ClassVar[tuple[int, ...] | None] = None
     """Place in the array of joints of each leg's joints, taken leg by leg; ``None`` is leg by leg."""
 
