@@ -1,6 +1,7 @@
 """Settings of all tests, and the one table of robots that every contract test runs over."""
 
 import os
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -25,9 +26,20 @@ def tse_clockwise() -> js.TripleScissorExtender:
     return js.TripleScissorExtender.from_ratios(0.3, -0.3, 0.2, 0.1, azimuths=(0.0, -third, third))
 
 
+def tri_scott_skewed() -> js.TriScott:
+    """No symmetry, and cranks with which the linkages draw no straight line."""
+    masts, platform = [[0.0, 0.0], [1.0, 0.1], [0.4, 0.9]], [[-0.2, -0.1], [0.25, -0.1], [0.0, 0.2]]
+    return js.TriScott(masts, [0.8, 0.9, 0.7], platform, crank_lengths=[0.42, 0.4, 0.38])
+
+
 ROBOTS = {
     "tse_prototype": js.TripleScissorExtender.prototype,
     "tse_clockwise": tse_clockwise,
+    **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (1, 3, 6, 8)},
+    "tri_scott": js.TriScott.prototype,
+    "micabo": js.Micabo.prototype,
+    "tri_scott_skewed": tri_scott_skewed,
+    "stewart_gough": js.StewartGough.prototype,
     "planar_3rpr": Planar3RPR.example,
     "three_prs": ThreePRS.example,
     "linear_delta": LinearDelta.example,

@@ -3,7 +3,11 @@
 import importlib.metadata
 
 from jaxscissor import plot as plot
+from jaxscissor._numerics import limit_margins as limit_margins
+from jaxscissor._numerics import safe_sqrt as safe_sqrt
 from jaxscissor._pytree import pytree as pytree
+from jaxscissor._pytree import quantity as quantity
+from jaxscissor._pytree import static as static
 from jaxscissor._solution import Solution as Solution
 from jaxscissor._solution import Status as Status
 from jaxscissor._solution import raise_if_failed as raise_if_failed

@@ -28,9 +28,9 @@ def distinct(points: jax.Array, valid: jax.Array, tol: Scalar, capacity: int) ->
     def insert(carry, item):
         kept, indices, count = carry
         point, ok, index = item
-        known = jnp.any((slots < count) & (jnp.max(jnp.abs(kept - point), axis=1) <= tol))
+        known = jnp.any((slots < count) & (jnp.max(jnp.abs(kept - point[None]), axis=1) <= tol))
         here = (slots == count) & ok & ~known
-        kept = jnp.where(here[:, None], point, kept)
+        kept = jnp.where(here[:, None], point[None], kept)
         return (kept, jnp.where(here, index, indices), count + jnp.where(ok & ~known, 1, 0)), None
 
     start = (jnp.zeros((capacity, points.shape[1]), points.dtype), jnp.zeros(capacity, jnp.int32), jnp.asarray(0))

@@ -27,7 +27,7 @@ def near_roots(function: Callable[[jax.Array], jax.Array], degree: int, dtype: A
     samples = jnp.arange(count, dtype=dtype) * (2 * jnp.pi / count)
     spectrum = jnp.fft.fft(jax.vmap(function)(samples)) / count
     coefficients = jnp.concatenate([spectrum[-degree:], spectrum[: degree + 1]])  # of z^0 .. z^(2 degree)
-    roots = _polynomial_roots(coefficients / jnp.max(jnp.abs(coefficients)))
+    roots = _polynomial_roots(coefficients / jnp.max(jnp.abs(coefficients)).astype(coefficients.dtype))
     angles, off = jnp.angle(roots), jnp.abs(jnp.abs(roots) - 1)
     angles = jnp.concatenate([angles, angles + off, angles - off])
     return jnp.where(jnp.isfinite(angles), angles, 0).astype(dtype)
@@ -39,7 +39,8 @@ def _polynomial_roots(coefficients: jax.Array, max_steps: int = 100) -> jax.Arra
     real = jnp.real(coefficients).dtype
     numbers = jnp.arange(degree, dtype=real)
     spread = 2 * jnp.pi * numbers / degree + 0.4
-    start = (0.9 + 0.05 * jnp.cos(3 * numbers)) * jnp.exp(lax.complex(jnp.zeros_like(spread), spread))
+    radius = 0.9 + 0.05 * jnp.cos(3 * numbers)
+    start = lax.complex(radius * jnp.cos(spread), radius * jnp.sin(spread))
     apart = ~jnp.eye(degree, dtype=bool)
 
     def step(carry):
@@ -68,6 +69,6 @@ def _newton_step(coefficients: jax.Array, z: jax.Array) -> jax.Array:
     for low, high in zip(coefficients, reversed(coefficients), strict=True):
         slope = slope * w + value
         value = value * w + jnp.where(outside, low, high)
-    value = jnp.where(value == 0, jnp.finfo(jnp.real(value).dtype).tiny, value)
+    value = jnp.where(value == 0, float(jnp.finfo(jnp.real(value).dtype).tiny), value)
     direct = value / slope
     return jnp.where(outside, z / (degree - w * slope / value), direct)

@@ -187,7 +187,8 @@ def _anywhere(robot: Mechanism, count: int, seed: Scalar) -> jax.Array:
     if d == 6:  # pitch spreads like the sine, so that no axis is preferred
         unit = unit.at[:, 4].set(jnp.arcsin(unit[:, 4]) / jnp.pi)
     shifts = jnp.arange(d) < linear
-    return jnp.where(shifts, home, 0) + unit * jnp.where(shifts, robot.length, jnp.asarray(jnp.pi, home.dtype))
+    scale = jnp.where(shifts, robot.length, jnp.asarray(jnp.pi, home.dtype))
+    return jnp.where(shifts, home, 0)[None] + unit * scale[None]
 
 
 def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
@@ -208,14 +209,19 @@ def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
       2
     """
 
+    robot, values, joints = as_floats(robot, modes.values, modes.joints)
+    return modes.valid & _within_limits(robot, values, joints)
+
+
+@jax.jit
+def _within_limits(robot: Mechanism, poses: jax.Array, joints: jax.Array) -> jax.Array:
     def sensible(pose, joints):
         position, rotation = robot.space.place(pose)
         attachments = robot.attachments(position, rotation)
         legs = zip(legs_of(robot), split_joints(robot, joints), attachments, strict=True)
         margins = [margin for leg, q, attachment in legs for margin in leg.margins(q, attachment)]
         if robot.space.translations == 3:
-            margins += [position.z, rotation.columns[2].z]
+            margins += [position.z, jnp.asarray(rotation.columns[2].z, pose.dtype)]
         return jnp.all(jnp.stack(margins) >= 0) if margins else jnp.asarray(True)
 
-    robot, values, joints = as_floats(robot, modes.values, modes.joints)
-    return modes.valid & jax.vmap(sensible)(values, joints)
+    return jax.vmap(sensible)(poses, joints)

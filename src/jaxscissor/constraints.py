@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -48,6 +49,7 @@ def _residual(unknowns: Joints, args: Any) -> Joints:
     return tuple(robot.constraints(*robot.space.place(pose)))
 
 
+@partial(jax.jit, static_argnames="places")
 def _constrained_pose(robot: Mechanism, pose: jax.Array, places: tuple[int, ...]) -> Solution:
     finite = jnp.all(jnp.isfinite(pose))
     safe = jnp.where(finite, pose, robot.home()[0])

@@ -218,7 +218,7 @@ def _result(log: list[Any], best: Any, all_params: Any, build: Callable[[Any], A
 def _progress(steps: int, log: list[Any]) -> Iterable[int]:
     """Step numbers, with a progress line that shows the best objective so far, if tqdm is installed."""
     try:
-        from tqdm.auto import tqdm
+        from tqdm import tqdm
     except ImportError:
         yield from range(steps)
         return

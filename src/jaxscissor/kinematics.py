@@ -178,7 +178,7 @@ def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Sc
     converged = error <= tol
     status = jnp.where(converged, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
     for leg, q in zip(legs_of(robot), split_joints(robot, all_joints(robot, joints, state)), strict=True):
-        status = jnp.where(converged | leg.closes(q), status, Status.NO_SOLUTION)
+        status = jnp.where(leg.closes(q), status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)
     pose, _ = differentiable_pose(robot, joints, state, status == Status.CONVERGED)
     return Solution(

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxscissor._legs import place
 from jaxscissor._vectors import Vec
+from jaxscissor.constraints import constrained_pose
 from jaxscissor.design import DesignResult
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.kinematics import inverse_kinematics
@@ -44,6 +45,7 @@ def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = N
         pose, joints = home_pose, home_joints if joints is None else joints
     robot, pose = checked_pose(robot, pose)
     if joints is None:
+        pose = constrained_pose(robot, pose).value
         solution = inverse_kinematics(robot, pose)
         if not bool(solution.converged):
             raise ValueError(f"The home mode does not reach the pose {pose}; give joints to draw another mode.")
@@ -102,7 +104,8 @@ def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", 
     """
     poses = jnp.asarray(poses)
     linear = robot.space.translations
-    points = np.asarray(poses[np.asarray(_margins(robot, poses)) >= 0, :linear])
+    reached = poses[np.asarray(_margins(robot, poses)) >= 0]
+    points = np.asarray(jax.vmap(lambda pose: constrained_pose(robot, pose).value)(reached)[:, :linear])
     ax = _axes(ax, spatial=linear == 3)
     ax.scatter(*points.T, s=size, c=points[:, -1], cmap="viridis", linewidths=0, rasterized=True)
     _finish(ax, robot.space.names[:linear], unit)
@@ -141,8 +144,10 @@ def workspace_slice(
     names = robot.space.names
     if not set(axes) <= set(names):
         raise ValueError(f"Got axes {axes}; expected two of {names}.")
+    if set(axes) & set(robot.dependent):
+        raise ValueError(f"Got axes {axes}; the constraints determine {robot.dependent}. Take the others.")
     first, second = (names.index(name) for name in axes)
-    xs, ys = (jnp.linspace(a, b, resolution, dtype=pose.dtype) for a, b in zip(low, high, strict=True))
+    xs, ys = (np.linspace(a, b, resolution, dtype=pose.dtype) for a, b in zip(low, high, strict=True))
 
     grid = jnp.broadcast_to(pose, (resolution, resolution, pose.shape[0]))
     grid = grid.at[..., first].set(xs[None, :]).at[..., second].set(ys[:, None])

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._legs import place
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
@@ -24,9 +23,9 @@ class Singularity:
 
     Attributes:
       type1: ``(legs,)``, zero where a leg is stretched or folded and its joints can move while the platform
-        rests: two working modes meet. Within -1 and 1, positive at home.
+        rests: two working modes meet. Within -1 and 1.
       type2: ``()``, zero where the platform can move while the actuators rest: two assembly modes meet.
-        Within -1 and 1, positive at home.
+        Within -1 and 1.
       joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest.
       platform_motion: ``(d,)`` twist closest to one with the actuators at rest.
       status: as of ``inverse_kinematics``.
@@ -64,8 +63,10 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
       joints: ``(n,)`` all joints, which choose the working mode. Default: those of the home mode.
 
     Returns:
-      ``Singularity``, differentiable across the loci. The motions have norm one with lengths in units of the
-      robot's length, no meaningful sign, and no derivative.
+      ``Singularity``, differentiable across the loci. The signs are those of the robot's equations: what counts
+      is whether they differ, as from those at home. The type-2 measure falls with the gearing as well, so that
+      small values far from a change of sign mean a weak, not a singular, robot. The motions have norm one with
+      lengths in units of the robot's length, no meaningful sign, and no derivative.
 
     Raises:
       ValueError: wrong shapes.
@@ -74,7 +75,7 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
       >>> import jaxscissor as js
       >>> robot = js.NavaroII.prototype(mode=8)
       >>> measures = js.singularity(robot, [45.0, 26.0, 0.0])  # similar triangles, not turned: the platform is loose
-      >>> bool(abs(measures.type2) < 1e-6), bool((measures.type1 > 0).all())
+      >>> bool(abs(measures.type2) < 1e-6), bool((abs(measures.type1) > 0.1).all())
       (True, True)
     """
     robot, pose = checked_pose(robot, pose)
@@ -91,20 +92,17 @@ def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
         joints, status = solution.value, solution.status
     else:
         status = jnp.where(jnp.all(jnp.isfinite(joints)), Status.CONVERGED, Status.NONFINITE)
-    placed = place(robot, pose)
-    usable = placed.finite & (status == Status.CONVERGED)
     home_pose, home_joints = robot.home()
-    safe = jnp.where(jnp.isfinite(joints), joints, home_joints)
-    type1, type2, matrix = _measures(robot, placed.position, placed.rotation, safe)
-    signs = lax.stop_gradient(_measures(robot, *robot.space.place(home_pose), home_joints)[:2])
-    type1, type2 = (jnp.where(sign < 0, -1, 1) * value for sign, value in zip(signs, (type1, type2), strict=True))
+    usable = jnp.all(jnp.isfinite(pose)) & (status == Status.CONVERGED)
+    position, rotation = robot.space.place(jnp.where(usable, pose, home_pose))
+    type1, type2, matrix = _measures(robot, position, rotation, jnp.where(usable, joints, home_joints))
     joint_motion, platform_motion = _motions(robot, lax.stop_gradient(matrix))
     measures = Singularity(type1, type2, joint_motion, platform_motion, status.astype(jnp.int32))
     return jax.tree.map(lambda x: x if x.dtype == jnp.int32 else jnp.where(usable, x, jnp.nan), measures)
 
 
 def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):
-    """Both measures with the sign of the equations as they stand, and the matrix they come from."""
+    """Both measures, and the matrix they come from."""
     matrix = _closure_matrix(robot, position, rotation, joints)
     d, linear = robot.space.dimension, robot.space.translations
     type1 = []

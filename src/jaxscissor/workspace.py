@@ -141,7 +141,7 @@ def _progress(blocks: list[Any]) -> Iterable[Any]:
     if len(blocks) == 1:
         return blocks
     try:
-        from tqdm.auto import tqdm
+        from tqdm import tqdm
     except ImportError:
         return blocks
     return tqdm(blocks, desc="workspace", unit="block", disable=None)

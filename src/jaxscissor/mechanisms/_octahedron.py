@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from jaxscissor._distinct import distinct
 from jaxscissor._newton import newton
@@ -78,13 +79,15 @@ def inscribed_triangles(circles: list[Circle], sides: tuple[Scalar, Scalar, Scal
     to_three = _Bilinear.between(one, three, sides[2])
     dtype = jnp.result_type(to_two.constant)
 
+    complex_across = jax.tree.map(_complex, across)
+
     def resultant(angle):
         u = (jnp.cos(angle), jnp.sin(angle))
         (n2, seconds), (n3, thirds) = _complex_branches(to_two.line(u)), _complex_branches(to_three.line(u))
-        product = (n2 * n3) ** 2 + 0j
+        product = (n2 * n3) ** 2
         for v in seconds:
             for w in thirds:
-                product = product * across.value(v, w)
+                product = product * complex_across.value(v, w)
         return jnp.real(product)
 
     first = near_roots(resultant, SOLUTIONS // 2, dtype)
@@ -111,10 +114,14 @@ def inscribed_triangles(circles: list[Circle], sides: tuple[Scalar, Scalar, Scal
 
 def _complex_branches(line):
     """n = a^2 + b^2 and both solutions (cos, sin) of c + a cos + b sin = 0, complex where there is none."""
-    c, a, b = line
+    c, a, b = (_complex(x) for x in line)
     n = a * a + b * b
-    root = jnp.sqrt(n - c * c + 0j)
+    root = jnp.sqrt(n - c * c)
     return n, [((-c * a - s * b * root) / n, (-c * b + s * a * root) / n) for s in (1, -1)]
+
+
+def _complex(x: Scalar) -> Scalar:
+    return lax.complex(x, jnp.zeros_like(x))
 
 
 def _real_branches(angle, to_two: _Bilinear, to_three: _Bilinear) -> jax.Array:

@@ -46,9 +46,9 @@ def _position(base: jax.Array, platform: jax.Array, turn: Scalar) -> jax.Array:
 
 
 def _score(base: jax.Array, platform: jax.Array, held: Held, reach: Reach, turn: Scalar) -> Scalar:
-    scale = safe_sqrt(jnp.sum((base - jnp.mean(base, axis=0)) ** 2))
+    scale = safe_sqrt(jnp.sum((base - jnp.mean(base, axis=0, keepdims=True)) ** 2))
     arms = _turned(platform, turn)
-    bars = (_position(base, platform, turn) + arms - base) / scale
+    bars = (_position(base, platform, turn)[None] + arms - base) / scale
     lengths = safe_sqrt(jnp.sum(bars**2, axis=1))
     rows = []
     for bar, length, arm, joint in zip(bars, lengths, arms / scale, held, strict=True):

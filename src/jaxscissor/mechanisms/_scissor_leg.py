@@ -11,7 +11,7 @@ from jax import lax
 
 from jaxscissor._fence import fence
 from jaxscissor._newton import implicit, newton
-from jaxscissor._numerics import Scalar, limit_margins, safe_divide, safe_sqrt, tiny
+from jaxscissor._numerics import Scalar, default_tol, limit_margins, safe_divide, safe_sqrt, tiny
 from jaxscissor._pytree import pytree, unchecked
 from jaxscissor._quartic import quartic_roots
 from jaxscissor._vectors import Vec
@@ -137,7 +137,8 @@ class ScissorLeg(Leg):
     def closes(self, joints: Joints) -> Scalar:
         """Whether the feet are no farther apart than the scissor spans, 2 l0."""
         base = self.slide_a * joints[0] - self.slide_b * joints[1]
-        return base.dot(base) <= (2 * self.base_link) ** 2
+        full = 2 * self.base_link
+        return base.dot(base) <= full**2 * (1 + default_tol(jnp.result_type(full)))
 
     def apex_circle(self, joints: Joints) -> Circle:
         """Where the apex can be with the feet held, in units of L: about their line, at the scissor's height."""

@@ -150,7 +150,7 @@ class NavaroII(Mechanism):
     @property
     def length(self) -> Scalar:
         """Of a regular base the side: root of the summed squared distances of the anchors from their middle."""
-        return safe_sqrt(jnp.sum((self.base - jnp.mean(self.base, axis=0)) ** 2))
+        return safe_sqrt(jnp.sum((self.base - jnp.mean(self.base, axis=0, keepdims=True)) ** 2))
 
     @property
     def scissor(self) -> Scissor:
@@ -211,7 +211,7 @@ class NavaroII(Mechanism):
         held, scale = ACTUATION_MODES[self.mode], self.length
         values = [q if h == "theta" else q / scale for q, h in zip(joints, held, strict=True)]
         poses, valid = held_triangles(_points(self.base / scale), _points(self.platform / scale), held, values)
-        return poses * jnp.stack([scale, scale, jnp.ones_like(scale)]), valid
+        return poses * jnp.stack([scale, scale, jnp.ones_like(scale)])[None], valid
 
     def sensed_pose(self, joints: Any) -> tuple[jax.Array, jax.Array]:
         """Pose that fits all six sensors best, in closed form, and how well [NAV19 2].
@@ -230,7 +230,7 @@ class NavaroII(Mechanism):
         ]
         ends, corners = jnp.stack([end.array() for end in ends]), self.platform
         center, middle = jnp.mean(ends, axis=0), jnp.mean(corners, axis=0)
-        p, q = corners - middle, ends - center
+        p, q = corners - middle[None], ends - center[None]
         alpha = jnp.arctan2(jnp.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), jnp.sum(p * q))
         cos, sin = jnp.cos(alpha), jnp.sin(alpha)
         turn = jnp.stack([jnp.stack([cos, -sin]), jnp.stack([sin, cos])])

@@ -35,9 +35,9 @@ class TelescopicLeg(Leg):
     actuated = (True,)
 
     def residual(self, joints: Joints, attachment: Vec) -> Joints:
-        """Squared distance of the joints less the squared length, in units of the robot's length."""
-        bar = attachment - self.anchor
-        return ((bar.dot(bar) - joints[0] ** 2) / self.scale**2,)
+        """Squared distance of the joints less the squared length, relative to both it and the robot's length."""
+        bar, length2 = attachment - self.anchor, joints[0] ** 2
+        return ((bar.dot(bar) - length2) / (self.scale**2 + length2),)
 
     def start(self, attachment: Vec) -> tuple[Joints, Scalar]:
         """The solution itself; it exists everywhere."""
@@ -114,7 +114,7 @@ class StewartGough(Mechanism):
     @property
     def length(self) -> Scalar:
         """Root mean square distance of the base's joints from their middle, times sqrt(2)."""
-        return safe_sqrt(jnp.sum((self.base - jnp.mean(self.base, axis=0)) ** 2) / 3)
+        return safe_sqrt(jnp.sum((self.base - jnp.mean(self.base, axis=0, keepdims=True)) ** 2) / 3)
 
     def legs(self) -> TelescopicLeg:
         """The six legs, with all their dimensions leg by leg."""
@@ -130,14 +130,14 @@ class StewartGough(Mechanism):
 
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Upright over the middle of the base; the mean of the squared lengths is that of the middle of the stroke."""
-        flat = self.platform - jnp.mean(self.platform, axis=0) - (self.base - jnp.mean(self.base, axis=0))
+        offset = jnp.mean(self.base, axis=0) - jnp.mean(self.platform, axis=0)
+        flat = self.platform - self.base + offset[None]
         low, high = self.stroke
         ends = jnp.isfinite(high)
         middle = jnp.where(ends, (low + jnp.where(ends, high, 0)) / 2, low + 1.5 * self.length)
         rise = safe_sqrt(middle**2 - jnp.mean(jnp.sum(flat**2, axis=1)))
-        offset = jnp.mean(self.base, axis=0) - jnp.mean(self.platform, axis=0)
         position = offset.at[2].add(rise)
-        lengths = safe_sqrt(jnp.sum((self.platform + position - self.base) ** 2, axis=1))
+        lengths = safe_sqrt(jnp.sum((self.platform + position[None] - self.base) ** 2, axis=1))
         return jnp.concatenate([position, jnp.zeros(3, position.dtype)]), lengths
 
 

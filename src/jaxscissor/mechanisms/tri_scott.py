@@ -92,7 +92,7 @@ class TriScott(Mechanism):
     @property
     def length(self) -> Scalar:
         """Root mean square distance of the masts from their middle times sqrt(3): the side of a regular base."""
-        return safe_sqrt(jnp.sum((self.masts - jnp.mean(self.masts, axis=0)) ** 2))
+        return safe_sqrt(jnp.sum((self.masts - jnp.mean(self.masts, axis=0, keepdims=True)) ** 2))
 
     @property
     def linkage(self) -> Scott:
