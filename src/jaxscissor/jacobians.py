@@ -124,7 +124,7 @@ def _platform_jacobian(robot: Mechanism, placed: Any) -> list[jax.Array]:
     still = tuple(jnp.zeros_like(placed.pose[0]) for _ in range(robot.space.dimension))
 
     def moved(twist):
-        attachments = robot.attachments(*robot.space.retract(placed.position, placed.rotation, twist))
+        attachments = robot.attachments(*robot.space.nudge(placed.position, placed.rotation, twist))
         return [tuple(jax.tree.leaves(attachment)) for attachment in attachments]
 
     columns = [jax.jvp(moved, (still,), (_basis(still, j),))[1] for j in range(len(still))]

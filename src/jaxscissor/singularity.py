@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
@@ -89,12 +90,12 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
 def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
     if joints is None:
         solution = inverse_kinematics(robot, pose)
-        joints, status = solution.value, solution.status
+        joints, status = fence(solution.value), solution.status
     else:
         status = jnp.where(jnp.all(jnp.isfinite(joints)), Status.CONVERGED, Status.NONFINITE)
     home_pose, home_joints = robot.home()
     usable = jnp.all(jnp.isfinite(pose)) & (status == Status.CONVERGED)
-    position, rotation = robot.space.place(jnp.where(usable, pose, home_pose))
+    position, rotation = fence(robot.space.place(jnp.where(usable, pose, home_pose)))
     type1, type2, matrix = _measures(robot, position, rotation, jnp.where(usable, joints, home_joints))
     joint_motion, platform_motion = _motions(robot, lax.stop_gradient(matrix))
     measures = Singularity(type1, type2, joint_motion, platform_motion, status.astype(jnp.int32))
@@ -103,7 +104,7 @@ def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
 
 def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):
     """Both measures, and the matrix they come from."""
-    matrix = _closure_matrix(robot, position, rotation, joints)
+    matrix = fence(_closure_matrix(robot, position, rotation, joints))
     d, linear = robot.space.dimension, robot.space.translations
     type1 = []
     for columns in _leg_columns(robot):
@@ -114,7 +115,7 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
     passive = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if not a]
     twist, driven, free = matrix[:, :d], matrix[:, jnp.array(actuated)], matrix[:, jnp.array(passive, int)]
     # det(N A A^T N^T + N B B^T N^T) for any N that eliminates the passive columns, without choosing one
-    gram = twist @ twist.T + driven @ driven.T
+    gram = fence(twist @ twist.T + driven @ driven.T)
     corner = jnp.zeros((len(passive), len(passive)), gram.dtype)
     bordered = jnp.block([[gram, free], [free.T, corner]]) if passive else gram
     type2 = safe_divide(_det(jnp.concatenate([twist, free], axis=1)), safe_sqrt(jnp.abs(_det(bordered))))
@@ -129,7 +130,7 @@ def _closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints:
 
     def equations(steps):
         twist = [robot.length * s if i < linear else s for i, s in enumerate(steps[:d])]
-        moved = robot.space.retract(position, rotation, twist)
+        moved = robot.space.nudge(position, rotation, twist)
         rest = iter(steps[d:])
         turned = [
             tuple(q + next(rest) * (1 if angular and angular[i] else robot.length) for i, q in enumerate(leg))
