@@ -288,3 +288,11 @@ def test_singularity_measures_are_pure_numbers_and_smooth(robot, rng):
 
     forward = jax.jit(jax.jacfwd(both))(pose)
     assert close(forward, central_differences(both, pose), 1e-7)
+
+
+def test_the_margin_has_a_finite_gradient_at_home(robot):
+    """Level and symmetric poses put zeros under square roots."""
+    gradient = jax.jit(jax.grad(lambda robot, pose: js.feasibility(robot, pose).margin, (0, 1)))(robot, robot.home()[0])
+    leaves = jax.tree.leaves(gradient)
+    assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in leaves)
+    assert max(float(jnp.abs(leaf).max()) for leaf in leaves) > 0

@@ -11,7 +11,7 @@ from jax import lax
 
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, LegResult, leg_status, place, solve_leg
-from jaxscissor._newton import fold_distance, least_squares, norm
+from jaxscissor._newton import fold_distance, least_squares
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt, smallest
 from jaxscissor._pytree import pytree
 from jaxscissor._solution import Status
@@ -84,7 +84,7 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     margin, status = _worst_leg(cases)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
-        off, tol = norm(tuple(constraints)), default_tol(pose.dtype)
+        off, tol = safe_sqrt(sum(c * c for c in constraints)), default_tol(pose.dtype)
         status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
         margin = jnp.where(off <= tol, margin, smallest([margin, -off]))
     margin = jnp.where(placed.finite, margin, -jnp.inf)
