@@ -63,6 +63,18 @@ def test_scissor_extender_is_assembled_as_a_dense_search_finds(ratios, rng):
         assert np.sum(apices == 3) == dense_count(ratios, np.asarray(joints[i]))
 
 
+def ends(function, edges):
+    """Last points, to rounding, at which a function that is nan elsewhere has a value, between any two edges."""
+    valid, found = np.isfinite(function(edges)), []
+    for cell in np.flatnonzero(valid[:-1] != valid[1:]):
+        inside, outside = (edges[cell], edges[cell + 1]) if valid[cell] else (edges[cell + 1], edges[cell])
+        for _ in range(60):
+            middle = (inside + outside) / 2
+            inside, outside = (middle, outside) if np.isfinite(function(np.array(middle))) else (inside, middle)
+        found.append(inside)
+    return found
+
+
 def dense_count(ratios, joints, cells=4000):
     """Triangles with all corners above the base, by a scan over the first corner's angle: numpy alone."""
     k1, eta, k3, k4 = ratios
@@ -100,7 +112,9 @@ def dense_count(ratios, joints, cells=4000):
     def gaps(angle):
         return [np.sum((corner(1, v) - corner(2, w)) ** 2, axis=-1) - side**2 for v, w in branches(angle)]
 
-    edges = np.linspace(0, np.pi, cells + 1)  # above the base
+    even = np.linspace(0, np.pi, cells + 1)  # above the base
+    limits = [ends(lambda angle, i=i: partners(i, corner(0, angle))[0], even) for i in (1, 2)]
+    edges = np.sort(np.concatenate([even, *limits]))
     values, count = gaps(edges), 0
     for number, value in enumerate(values):
         for left in np.flatnonzero(value[:-1] * value[1:] < 0):
