@@ -46,10 +46,18 @@ ROBOTS = {
 }
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(scope="module", params=[pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in ROBOTS])
 def robot(request):
-    """Each robot of the table in turn."""
-    return ROBOTS[request.param]()
+    """Each robot of the table in turn; one worker runs all its tests and compiles its programs once."""
+    yield ROBOTS[request.param]()
+    jax.clear_caches()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs():
+    """A process may map only so many pages, and every compiled program maps some."""
+    yield
+    jax.clear_caches()
 
 
 @pytest.fixture

@@ -14,21 +14,31 @@ from jaxscissor.mechanisms._contract import join_joints, legs_of, split_joints
 from tests.toys import Planar3RPR
 
 DIFFERENCE = 1e-6
-
-
+LANES = 8  # of every batch, so that all tests of a robot share their programs
 ENDLESS = (js.NavaroII, js.StewartGough, Planar3RPR)  # robots whose legs reach any pose, strokes aside
 
 
-def shaken_joints(robot, rng, n, size=0.03):
+@jax.jit
+def forward(robot, joints):
+    return js.forward_kinematics(robot, joints).value
+
+
+FORWARD_MODE = jax.jit(jax.jacfwd(forward, 1))
+REVERSE_MODE = jax.jit(jax.jacrev(forward, 1))
+forward_batch = jax.jit(jax.vmap(js.forward_kinematics, (None, 0)))
+inverse_batch = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))
+
+
+def shaken_joints(robot, rng, size=0.03):
     """Actuated joints near home, which the robot can take."""
     home = np.asarray(robot.actuated(robot.home()[1]))
     angular = robot.legs().angular or (False,) * len(robot.actuation()[0])
     units = join_joints(robot, [[1.0 if a else robot.length for a in angular]] * len(robot.actuation()))
-    return jnp.asarray(home + np.asarray(robot.actuated(units)) * size * rng.uniform(-1, 1, (n, len(home))))
+    return jnp.asarray(home + np.asarray(robot.actuated(units)) * size * rng.uniform(-1, 1, (LANES, len(home))))
 
 
-def reachable_poses(robot, rng, n):
-    solution = jax.vmap(js.forward_kinematics, (None, 0))(robot, shaken_joints(robot, rng, n))
+def reachable_poses(robot, rng):
+    solution = forward_batch(robot, shaken_joints(robot, rng))
     assert bool(solution.converged.all())
     return solution.value
 
@@ -66,17 +76,17 @@ def test_shapes_are_those_documented(robot):
 
 
 def test_inverse_of_forward_is_identity(robot, rng):
-    joints = shaken_joints(robot, rng, 50)
-    poses = jax.vmap(js.forward_kinematics, (None, 0))(robot, joints)
+    joints = shaken_joints(robot, rng)
+    poses = forward_batch(robot, joints)
     assert bool(poses.converged.all())
-    back = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses.value)
+    back = inverse_batch(robot, poses.value)
     assert bool(back.converged.all())
     assert close(robot.actuated(back.value), joints, 1e-11)
     assert float(back.residual_norm.max()) < 1e-12
 
 
 def test_closure_jacobians_are_the_differences_of_the_residual(robot, rng):
-    pose = reachable_poses(robot, rng, 1)[0]
+    pose = reachable_poses(robot, rng)[0]
     joints = js.inverse_kinematics(robot, pose).value
     a, b = js.closure_jacobians(robot, joints, pose)
     assert close(a, central_differences(lambda p: js.residual(robot, joints, p), pose), 1e-8)
@@ -84,42 +94,36 @@ def test_closure_jacobians_are_the_differences_of_the_residual(robot, rng):
 
 
 def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_differences(robot, rng):
-    joints = shaken_joints(robot, rng, 1)[0]
-
-    @jax.jit
-    def solve(q):
-        return js.forward_kinematics(robot, q).value
-
-    forward, reverse = jax.jit(jax.jacfwd(solve))(joints), jax.jit(jax.jacrev(solve))(joints)
-    assert close(forward, reverse, 1e-12)
-    assert close(forward, central_differences(solve, joints), 1e-7)
+    joints = shaken_joints(robot, rng)[0]
+    one_way, other_way = FORWARD_MODE(robot, joints), REVERSE_MODE(robot, joints)
+    assert close(one_way, other_way, 1e-12)
+    assert close(one_way, central_differences(lambda q: forward(robot, q), joints), 1e-7)
 
 
 def test_inverse_jacobian_inverts_the_forward_one(robot, rng):
-    joints = shaken_joints(robot, rng, 1)[0]
-    pose = js.forward_kinematics(robot, joints).value
-    forward = jax.jit(jax.jacfwd(lambda q: js.forward_kinematics(robot, q).value))(joints)
-    assert close(js.inverse_jacobian(robot, pose) @ forward, np.eye(len(joints)), 1e-9)
+    joints = shaken_joints(robot, rng)[0]
+    pose, jacobian = forward(robot, joints), FORWARD_MODE(robot, joints)
+    assert close(js.inverse_jacobian(robot, pose) @ jacobian, np.eye(len(joints)), 1e-9)
     rates = robot.space.rates_to_twist(pose)
-    assert close(js.inverse_jacobian(robot, pose, rates="twist") @ rates @ forward, np.eye(len(joints)), 1e-9)
+    assert close(js.inverse_jacobian(robot, pose, rates="twist") @ rates @ jacobian, np.eye(len(joints)), 1e-9)
 
 
 def test_every_dimension_has_the_derivative_of_the_differences(robot, rng):
-    joints = shaken_joints(robot, rng, 1)[0]
+    joints = shaken_joints(robot, rng)[0]
     numbers, rebuild = jax.flatten_util.ravel_pytree(robot)
 
     @jax.jit
     def solve(numbers):
         return js.forward_kinematics(rebuild(numbers), joints).value
 
-    forward, reverse = jax.jit(jax.jacfwd(solve))(numbers), jax.jit(jax.jacrev(solve))(numbers)
-    assert close(forward, reverse, 1e-11)
-    assert close(forward, central_differences(solve, numbers), 1e-7)
-    assert np.abs(forward).max() > 0.1
+    one_way, other_way = jax.jit(jax.jacfwd(solve))(numbers), jax.jit(jax.jacrev(solve))(numbers)
+    assert close(one_way, other_way, 1e-11)
+    assert close(one_way, central_differences(solve, numbers), 1e-7)
+    assert np.abs(one_way).max() > 0.1
 
 
 def test_second_derivatives_agree_with_differences_of_the_first(robot, rng):
-    joints = shaken_joints(robot, rng, 1)[0]
+    joints = shaken_joints(robot, rng)[0]
 
     def scalar(q):
         return jnp.sum(js.forward_kinematics(robot, q).value ** 2)
@@ -130,21 +134,20 @@ def test_second_derivatives_agree_with_differences_of_the_first(robot, rng):
 
 
 def test_jit_equals_eager_and_vmap_equals_a_loop(robot, rng):
-    poses = reachable_poses(robot, rng, 4)
-    batch = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))(robot, poses)
-    for pose, value in zip(poses, batch.value, strict=True):
-        assert close(js.inverse_kinematics(robot, pose).value, value, 1e-13)
+    poses = reachable_poses(robot, rng)
+    eager = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
+    for pose, value, alike in zip(poses, inverse_batch(robot, poses).value, eager.value, strict=True):
+        assert close(js.inverse_kinematics(robot, pose).value, value, 1e-13) and close(alike, value, 1e-13)
 
 
 def test_a_failed_lane_neither_raises_nor_leaks(robot, rng):
-    poses = jnp.concatenate([reachable_poses(robot, rng, 2), jnp.full((1, robot.space.dimension), jnp.nan)])
-    poses = poses.at[1, 0].add(100 * robot.length)
+    poses = reachable_poses(robot, rng).at[1, 0].add(100 * robot.length).at[2].set(jnp.nan)
 
     def masked(robot):
         solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
         return jnp.sum(jnp.where(solution.converged[:, None], solution.value, 0))
 
-    solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
+    solution = inverse_batch(robot, poses)
     assert solution.status[0] == js.Status.CONVERGED
     endless = isinstance(robot, ENDLESS)
     assert solution.status[1] in ((js.Status.CONVERGED,) if endless else (js.Status.NO_SOLUTION, js.Status.MAX_STEPS))
@@ -235,11 +238,11 @@ def matrix_of(robot, pose):
 
 
 def test_the_generating_pose_is_among_the_assembly_modes(robot, rng):
-    joints = shaken_joints(robot, rng, 2)
-    poses = jax.vmap(js.forward_kinematics, (None, 0))(robot, joints)
+    joints = shaken_joints(robot, rng)
+    poses = forward_batch(robot, joints)
     assert bool(poses.converged.all())
     modes = jax.vmap(lambda q: js.forward_kinematics_all(robot, q, starts=500))(joints)
-    for i, pose in enumerate(poses.value):
+    for i, pose in enumerate(poses.value[:2]):
         found = [matrix_of(robot, value) for value in modes.values[i][modes.valid[i]]]
         assert len(found) == int(modes.count[i])
         assert min(np.abs(one - matrix_of(robot, pose)).max() for one in found) < 1e-8
@@ -279,15 +282,14 @@ def test_singularity_measures_are_pure_numbers_and_smooth(robot, rng):
     again = js.singularity(larger, scaled)
     assert close(again.type1, measures.type1, 1e-9) and abs(float(again.type2 / measures.type2) - 1) < 1e-9
 
-    pose = reachable_poses(robot, rng, 1)[0]
+    pose = reachable_poses(robot, rng)[0]
 
     @jax.jit
     def both(pose):
         measures = js.singularity(robot, js.constrained_pose(robot, pose).value)
         return jnp.append(measures.type1, measures.type2)
 
-    forward = jax.jit(jax.jacfwd(both))(pose)
-    assert close(forward, central_differences(both, pose), 1e-7)
+    assert close(jax.jit(jax.jacfwd(both))(pose), central_differences(both, pose), 1e-7)
 
 
 def test_the_margin_has_a_finite_gradient_at_home(robot):
