@@ -24,7 +24,7 @@ LEVELS = [
     {"kinematics", "assembly", "constraints"},
     {"jacobians", "feasibility", "singularity"},
     {"dexterity", "regions"},
-    {"workspace", "design"},
+    {"workspace", "design", "extremes"},
     {"plot"},
 ]
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}

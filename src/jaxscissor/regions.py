@@ -68,6 +68,10 @@ class Sample:
 
     def pose(self, index: Any) -> jax.Array:
         """Pose ``(d,)`` number ``index``, which may be traced."""
+        return self.region.from_unit(self.unit(index))
+
+    def unit(self, index: Any) -> jax.Array:
+        """The point of the unit cube of which pose number ``index`` is the image."""
         index = jnp.asarray(index, jnp.uint32)
         if self.counts:
             cells = jnp.unravel_index(index.astype(jnp.int32), self.counts)
@@ -75,7 +79,7 @@ class Sample:
             unit = [(cell.astype(dtype) + 0.5) / count for cell, count in zip(cells, self.counts, strict=True)]
         else:
             unit = self._recurrence(index)
-        return self.region.from_unit(jnp.stack(unit))
+        return jnp.stack(unit)
 
     def poses(self, indices: Any) -> jax.Array:
         """Poses ``(m, d)`` with these numbers."""
