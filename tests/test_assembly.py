@@ -144,6 +144,21 @@ def planar_known():
     return js.NavaroII([[0, 0], [15.91, 0], [0, 10]], platform, mode=8)
 
 
+def test_roots_crowded_on_a_short_arc_are_all_found():
+    """Nearly flat platforms: the corners can move on one to ten per cent of their circles only."""
+    robot = js.TripleScissorExtender.from_ratios(0.45, 0.9, 0.15, 0.1)
+    poses = [
+        [-0.48739175, -0.03168942, 0.00354369, 0.11602366, -0.08652309, 0.39983443],
+        [-0.19871807, -0.20430299, 0.31167929, -0.47315203, 0.17982457, 0.33649647],
+        [-0.37932257, -0.13665643, 0.02245018, -0.09640821, -0.05728827, 0.29730255],
+    ]
+    for pose, count in zip(poses, (4, 8, 8), strict=True):
+        modes = js.forward_kinematics_all(robot, js.inverse_kinematics(robot, pose).value)
+        found = np.stack([matrix_of(robot, value) for value in modes.values[modes.valid]])
+        assert np.abs(found - matrix_of(robot, pose)).max(axis=1).min() < 1e-8
+        assert int(modes.count) == count
+
+
 def test_planar_platform_has_its_six_published_modes():
     modes = js.forward_kinematics_all(planar_known(), [14.98, 15.38, 12.0])
     assert int(modes.count) == 6

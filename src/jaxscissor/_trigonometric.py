@@ -11,7 +11,7 @@ from jax import lax
 
 
 def near_roots(function: Callable[[jax.Array], jax.Array], degree: int, dtype: Any) -> jax.Array:
-    """Angles ``(6 * degree,)`` near which every real root of a trigonometric polynomial of a degree lies.
+    """Angles ``(6 * degree,)`` near which every real root of a trigonometric polynomial of a degree lies, best first.
 
     With z = exp(i x) it is an ordinary polynomial of twice the degree, whose roots come in pairs z, 1/conj(z)
     unless they lie on the unit circle, where x is real. Rounding may push two nearby real roots off the

@@ -15,6 +15,7 @@ from jaxscissor._trigonometric import near_roots
 from jaxscissor._vectors import Vec
 
 SOLUTIONS = 16  # complex ones, counted with multiplicity
+_PER_ARC = 8
 
 
 class Circle(NamedTuple):
@@ -90,7 +91,7 @@ def inscribed_triangles(circles: list[Circle], sides: tuple[Scalar, Scalar, Scal
                 product = product * complex_across.value(v, w)
         return jnp.real(product)
 
-    first = near_roots(resultant, SOLUTIONS // 2, dtype)
+    first = jnp.concatenate([near_roots(resultant, SOLUTIONS // 2, dtype), _across_arcs(to_two, to_three, dtype)])
     starts = jnp.concatenate(jax.vmap(lambda x: _real_branches(x, to_two, to_three))(first))
 
     def residual(angles, equations):
@@ -110,6 +111,26 @@ def inscribed_triangles(circles: list[Circle], sides: tuple[Scalar, Scalar, Scal
     best = jnp.argsort(errors)
     indices, count = distinct(points[best], errors[best] <= tol, apart, SOLUTIONS)
     return angles[best[indices]], jnp.arange(SOLUTIONS) < count
+
+
+def _across_arcs(to_two: _Bilinear, to_three: _Bilinear, dtype) -> jax.Array:
+    """Angles ``(8 * _PER_ARC,)`` spread over each arc between two ends of the branches.
+
+    Where the branches are real on a short arc only, all roots lie in it, too close to each other for the
+    polynomial. The spread is that of Chebyshev's points, as the branches meet like square roots.
+    """
+
+    def discriminant(equation):
+        def at(angle):
+            c, a, b = equation.line((jnp.cos(angle), jnp.sin(angle)))
+            return a * a + b * b - c * c
+
+        return near_roots(at, 2, dtype)[:4]
+
+    ends = jnp.sort(jnp.concatenate([discriminant(to_two), discriminant(to_three)]))
+    arcs = jnp.append(ends[1:], ends[0] + 2 * jnp.pi) - ends
+    spread = 0.5 - 0.5 * jnp.cos(jnp.pi * (jnp.arange(_PER_ARC, dtype=dtype) + 0.5) / _PER_ARC)
+    return (ends[:, None] + arcs[:, None] * spread[None]).ravel()
 
 
 def _complex_branches(line):
