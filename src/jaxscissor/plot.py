@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LEG_COLORS = ("#1b2a49", "#2f7f93", "#c98a1b", "#7a3b69", "#4f8a4f", "#a05a4a")
-_RAIL_COLOR = "#a8a8a8"
+_RAIL_COLOR = "#c2c2c2"
 
 
 def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = None, unit: str = "m") -> Axes:
-    """Draw a robot: its legs' bars in color, its platform black, what is fixed to the base grey.
+    """Draw a robot: its legs' bars in color, its platform black, base and strokes grey, sliders as squares.
 
     A planar robot is drawn in the plane, with upright scissors laid down beside their legs; on
     three-dimensional axes they stand up.
@@ -252,8 +252,9 @@ def _segments(ax: Any, segments: np.ndarray, **style: Any) -> None:
 
 
 def _finish(ax: Any, names: Sequence[str], unit: str) -> None:
-    for name in names:
-        label = f"{name} ({unit})" if unit else name
-        getattr(ax, f"set_{name}label")(label, labelpad=8 if ax.name == "3d" else None)
-    ax.locator_params(nbins=5)
+    spans = {name: float(np.ptp(getattr(ax, f"get_{name}lim")())) for name in names}
+    for name, span in spans.items():
+        label, share = f"{name} ({unit})" if unit else name, span / max(spans.values())
+        getattr(ax, f"set_{name}label")(label, labelpad=8 * share if ax.name == "3d" else None)
+        ax.locator_params(axis=name, nbins=max(1, round(5 * share)), min_n_ticks=1)
     ax.set_aspect("equal")
