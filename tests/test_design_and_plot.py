@@ -82,21 +82,6 @@ def test_a_whole_robot_can_be_the_parameters(prototype):
     assert float(result.robot.top_radius) == pytest.approx(float(prototype.top_radius))
 
 
-def test_the_picture_of_a_robot_shows_every_bar_slide_and_the_plate(prototype):
-    ax = js.plot.robot(prototype, [0.1, 0.05, 1.1, 0.1, 0.2, 0.3])
-    assert len(ax.lines) == 3 * (2 + 6) + 1
-    assert ax.get_xlabel() == "x (m)" and ax.get_zlabel() == "z (m)"
-    plate = np.array(ax.lines[-1].get_data_3d()).T
-    position, rotation = js.SE3.place(jnp.array([0.1, 0.05, 1.1, 0.1, 0.2, 0.3]))
-    apices = np.stack([np.asarray(a.array()) for a in prototype.attachments(position, rotation)])
-    assert np.abs(plate[:3] - apices).max() < 1e-12
-    bars = [np.array(line.get_data_3d()).T for line in ax.lines[2:8]]
-    assert np.abs(np.array([bar[1] for bar in bars[-2:]]) - apices[0]).max() < 1e-9, "the last bars meet in the apex"
-    with pytest.raises(ValueError, match="does not reach"):
-        js.plot.robot(prototype, [0, 0, 3.0, 0, 0, 0])
-    plt.close("all")
-
-
 def test_cloud_and_slice_show_the_workspace(prototype):
     length = float(prototype.length)
     poses = js.Cylinder(length / 2, length).quasi_random(500)
@@ -109,14 +94,6 @@ def test_cloud_and_slice_show_the_workspace(prototype):
         js.plot.workspace_slice(prototype, np.zeros(6), ("x", "w"), low=(0, 0), high=(1, 1))
     result = js.optimize_design(lambda x: x**2, 0.5, bounds=(0.0, 1.0), steps=5)
     assert len(js.plot.history(result).lines) == 2
-    plt.close("all")
-
-
-def test_a_planar_robot_is_drawn_in_the_plane():
-    from tests.toys import Planar3RPR
-
-    ax = js.plot.robot(Planar3RPR.example())
-    assert not hasattr(ax, "get_zlabel") and len(ax.lines) == 4
     plt.close("all")
 
 

@@ -1,5 +1,7 @@
 """NaVARo II against the formulas of its paper, written out here, and against its closed forms."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -203,27 +205,59 @@ def test_scissor_spans_the_stroke(crosses):
         assert float(scissor.height(scissor.width(rho))) == pytest.approx(rho)
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_six_sensors_give_the_pose_and_the_assembly_mode(mode, rng):
-    robot = js.NavaroII.prototype(mode)
-    pose = np.array([40.0, 30.0, 0.7])
-    joints = js.inverse_kinematics(robot, pose).value
-    sensed, misfit = robot.sensed_pose(joints)
-    assert np.abs(sensed - pose).max() < 1e-12 and float(misfit) < 1e-12
-    modes = js.forward_kinematics_all(robot, robot.actuated(joints))
-    here = np.abs(modes.values - sensed[None]).max(axis=1)
-    assert here[np.asarray(modes.valid)].min() < 1e-9
-    assert (here[np.asarray(modes.valid)] < 1e-3).sum() == 1
-    noisy, misfit = robot.sensed_pose(joints + 1e-3 * rng.normal(size=6))
-    assert 0 < float(misfit) < 0.1 and np.abs(noisy - pose).max() < 0.1
+@functools.cache
+def sensed(mode):
+    """Random poses, their joints, and what exact and what noisy sensors tell: one program for each mode."""
+    rng = np.random.default_rng(mode)
+    robot, n = js.NavaroII.prototype(mode), 300
+    poses = np.column_stack([45 + rng.uniform(-30, 30, n), 26 + rng.uniform(-30, 30, n), rng.uniform(-3, 3, n)])
+    joints = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses).value
+    tell = jax.jit(jax.vmap(js.sensed_mode, (None, 0)))
+    noise = 1e-4 * rng.normal(size=(n, 6)) * np.array([1, 30] * 3)  # rad, and a third of its share of rho
+    noise[:3] = [[np.nan, 0, 0, 0, 0, 0], [0, np.nan, 0, 0, 0, 0], [0, 1e4, 0, 0, 0, 0]]
+    return poses, joints, tell(robot, joints), tell(robot, joints + noise)
+
+
+def corner_gaps(poses, others):
+    """Root mean square distance of the platform's joints, by complex numbers: (..., 3) and (..., 3) to (...)."""
+    corners = np.array([-15 - 5j * ROOT3, 15 - 5j * ROOT3, 10j * ROOT3])
+    first, second = (p[..., 0] + 1j * p[..., 1] for p in (poses, others))
+    turned = [first[..., None] + corners * np.exp(1j * poses[..., 2, None])]
+    turned += [second[..., None] + corners * np.exp(1j * others[..., 2, None])]
+    return np.sqrt(np.mean(np.abs(turned[0] - turned[1]) ** 2, axis=-1))
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_parity_and_largest_number_of_assembly_modes(mode, rng):
-    robot = js.NavaroII.prototype(mode)
-    poses = np.column_stack([45 + rng.uniform(-30, 30, 300), 26 + rng.uniform(-30, 30, 300), rng.uniform(-3, 3, 300)])
-    joints = robot.actuated(jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses).value)
-    modes = jax.jit(jax.vmap(js.forward_kinematics_all, (None, 0)))(robot, joints)
+def test_six_sensors_give_the_pose_and_the_assembly_mode(mode):
+    poses, _, exact, noisy = sensed(mode)
+    lanes = np.arange(len(poses))
+    assert corner_gaps(np.asarray(exact.pose), poses).max() < 1e-11 and exact.misfit.max() < 1e-12
+    assert exact.index.min() >= 0 and exact.distance.max() < 1e-6
+    assert corner_gaps(np.asarray(exact.modes.values)[lanes, exact.index], poses).max() < 1e-6
+
+    # what is not finite tells nothing; the third lane's rho fits no pose of mode 8
+    assert (noisy.index[:2] == -1).all() and np.isinf(noisy.distance[:2]).all() and np.isinf(noisy.runner_up[:2]).all()
+    assert mode != 8 or (noisy.index[2] == -1 and np.isfinite(noisy.pose[2]).all())
+    noisy, poses = jax.tree.map(lambda leaf: np.asarray(leaf)[3:], noisy), poses[3:]
+    off = corner_gaps(noisy.pose, poses)
+    assert 0 < noisy.misfit.min() and off.max() < 0.02
+    gaps = np.where(noisy.modes.valid, corner_gaps(noisy.modes.values, poses[:, None]), np.inf)
+    certain = noisy.distance < noisy.runner_up / 4  # elsewhere a second mode is about as near, at a singularity
+    assert certain.mean() > 0.9 and (noisy.distance < 0.1).mean() > 0.9
+    assert (gaps.argmin(axis=1) == noisy.index)[certain].all()
+    shift = np.abs(noisy.distance[certain] - gaps.min(axis=1)[certain])
+    assert (shift <= off[certain]).all(), "triangle inequality"
+
+
+def test_sensors_must_be_six():
+    with pytest.raises(ValueError, match=r"expects \(6,\)"):
+        js.sensed_mode(js.NavaroII.prototype(8), np.zeros(3))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_parity_and_largest_number_of_assembly_modes(mode):
+    poses, _, exact, _ = sensed(mode)
+    modes = exact.modes
     turns = js.ACTUATION_MODES[mode].count("theta")
     assert int(modes.count.max()) <= {0: 6, 1: 6, 2: 4, 3: 2}[turns]
     if turns != 2:  # with two directions, rays let solutions end

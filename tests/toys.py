@@ -90,6 +90,9 @@ class PRSLeg(js.Leg):
     def bars(self, joints, attachment):
         return [(self.slide * joints[0], attachment)]
 
+    def rails(self, joints, attachment):
+        return [(self.slide * (0.0 * self.rod), self.slide * (2.0 * self.rod))]
+
 
 @js.pytree
 class ThreePRS(js.Mechanism):
@@ -148,6 +151,12 @@ class DeltaLeg(js.Leg):
 
     def margins(self, joints, attachment):
         return (joints[0] / self.rod, 2 - joints[0] / self.rod)
+
+    def bars(self, joints, attachment):
+        return [(self.foot + js.Vec(0.0, 0.0, 1.0) * joints[0], attachment)]
+
+    def rails(self, joints, attachment):
+        return [(self.foot, self.foot + js.Vec(0.0, 0.0, 2.0) * self.rod)]
 
 
 @js.pytree

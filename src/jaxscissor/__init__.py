@@ -37,6 +37,10 @@ from jaxscissor.mechanisms._contract import Leg as Leg
 from jaxscissor.mechanisms._contract import Mechanism as Mechanism
 from jaxscissor.mechanisms.navaro import ACTUATION_MODES as ACTUATION_MODES
 from jaxscissor.mechanisms.navaro import NavaroII as NavaroII
+from jaxscissor.mechanisms.navaro_drive import Clutch as Clutch
+from jaxscissor.mechanisms.navaro_drive import DriveTrain as DriveTrain
+from jaxscissor.mechanisms.navaro_drive import drive_mobility as drive_mobility
+from jaxscissor.mechanisms.navaro_drive import drive_mode as drive_mode
 from jaxscissor.mechanisms.stewart import StewartGough as StewartGough
 from jaxscissor.mechanisms.tri_scott import Micabo as Micabo
 from jaxscissor.mechanisms.tri_scott import TriScott as TriScott
@@ -48,6 +52,8 @@ from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc
 from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor.scott import Scott as Scott
+from jaxscissor.sensing import SensedMode as SensedMode
+from jaxscissor.sensing import sensed_mode as sensed_mode
 from jaxscissor.singularity import Singularity as Singularity
 from jaxscissor.singularity import singularity as singularity
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction

@@ -30,14 +30,18 @@ def constrained_pose(robot: Mechanism, pose: Any) -> Solution:
       without dependent coordinates gives the pose back.
 
     Raises:
-      ValueError: wrong shape of the pose, or not as many constraints as dependent coordinates.
+      ValueError: wrong shape of the pose, a dependent coordinate that the pose has not, or not as many
+        constraints as dependent coordinates.
     """
     robot, pose = checked_pose(robot, pose)
+    if not set(robot.dependent) <= set(robot.space.names):
+        raise ValueError(f"Got dependent = {robot.dependent}; expected some of {robot.space.names}.")
     places = tuple(robot.space.names.index(name) for name in robot.dependent)
     equations = len(jax.eval_shape(lambda: robot.constraints(*robot.space.place(pose))))
     if places and equations != len(places):
         raise ValueError(
-            f"Got {equations} constraints for the dependent coordinates {robot.dependent}; expected as many."
+            f"Got {equations} constraints for the dependent coordinates {robot.dependent}; expected as many. Name in "
+            f"{type(robot).__name__}.dependent the coordinates that its constraints determine."
         )
     return _constrained_pose(robot, pose, places)
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxscissor._legs import place
+from jaxscissor._numerics import default_tol
 from jaxscissor._vectors import Vec
 from jaxscissor.constraints import constrained_pose
 from jaxscissor.design import DesignResult
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LEG_COLORS = ("#1b2a49", "#2f7f93", "#c98a1b", "#7a3b69", "#4f8a4f", "#a05a4a")
-_RAIL_COLOR = "#9a9a9a"
+_RAIL_COLOR = "#c2c2c2"
 
 
 def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = None, unit: str = "m") -> Axes:
-    """Draw a robot with all its bars and slides.
+    """Draw a robot: its legs' bars in color, its platform black, base and strokes grey, sliders as squares.
+
+    A planar robot is drawn in the plane, with upright scissors laid down beside their legs; on
+    three-dimensional axes they stand up.
 
     Args:
       robot: the robot.
@@ -38,7 +42,8 @@ def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = N
       The axes.
 
     Raises:
-      ValueError: wrong shapes, or a pose that the home mode does not reach while no joints are given.
+      ValueError: wrong shapes, flat axes for a spatial robot, or a pose that the home mode does not reach
+        while no joints are given.
     """
     home_pose, home_joints = robot.home()
     if pose is None:
@@ -50,23 +55,32 @@ def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = N
         if not bool(solution.converged):
             raise ValueError(f"The home mode does not reach the pose {pose}; give joints to draw another mode.")
         joints = solution.value
-    drawing = _drawing(robot, pose, checked_joints(robot, joints))
+    drawing = jax.tree.map(np.asarray, _drawing(robot, pose, checked_joints(robot, joints)))
     ax = _axes(ax, spatial=robot.space.translations == 3)
+    size = 3 if ax.name == "3d" else 2
+    if size < robot.space.translations:
+        raise ValueError('Got flat axes for a spatial robot; expected axes of add_subplot(projection="3d").')
     for number, (rails, bars) in enumerate(zip(drawing.rails, drawing.bars, strict=True)):
         color = _LEG_COLORS[number % len(_LEG_COLORS)]
-        _segments(ax, rails, color=_RAIL_COLOR, linewidth=4, solid_capstyle="round", zorder=1)
+        rails, bars = _fitted(rails, size), _fitted(bars, size)
+        _segments(ax, rails, color=_RAIL_COLOR, linewidth=3, solid_capstyle="round", zorder=1)
         _segments(ax, bars, color=color, linewidth=1.6, marker="o", markersize=2.5)
-    if len(drawing.points) > 2:
-        outline = np.array([*drawing.points, drawing.points[0]])
-        ax.plot(*outline.T, color="black", linewidth=3, solid_joinstyle="round")
-    _finish(ax, robot.space.names[: robot.space.translations], unit)
+        _segments(ax, _on_rails(bars, rails)[:, None], color=color, marker="s", markersize=5)
+    feet = np.array([rails[0][0] for rails in drawing.rails if len(rails)])
+    outlines = [(feet, dict(color=_RAIL_COLOR, linewidth=1.2, markersize=5, zorder=1))]
+    outlines += [(drawing.points, dict(color="black", linewidth=3, markersize=4, solid_joinstyle="round"))]
+    for points, style in outlines:
+        if len(points):
+            closed = np.array([*points, points[0]])
+            _segments(ax, _fitted(closed[None], size), marker="o", **style)
+    _finish(ax, "xyz"[:size], unit)
     return ax
 
 
 class _Drawing(NamedTuple):
-    rails: list[Any]  # per leg a list of segments, each a pair of points
-    bars: list[Any]
-    points: list[Any]  # corners of the platform
+    rails: list[jax.Array]  # per leg (segments, 2, d)
+    bars: list[jax.Array]
+    points: jax.Array  # (corners of the platform, d)
 
 
 @jax.jit
@@ -75,13 +89,50 @@ def _drawing(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> _Drawing:
     legs = list(zip(placed.legs, split_joints(robot, joints), placed.attachments, strict=True))
 
     def arrays(segments):
-        return [tuple(end.array() for end in segment) for segment in segments]
+        ends = [jnp.stack([end.array() for end in segment]) for segment in segments]
+        return jnp.stack(ends) if ends else jnp.zeros((0, 2, robot.space.translations), pose.dtype)
 
+    points = [point.array() for point in map(_point, placed.attachments) if point is not None]
     return _Drawing(
         [arrays(leg.rails(q, attachment)) for leg, q, attachment in legs],
         [arrays(leg.bars(q, attachment)) for leg, q, attachment in legs],
-        [attachment.array() for attachment in placed.attachments if isinstance(attachment, Vec)],
+        jnp.stack(points) if points else jnp.zeros((0, robot.space.translations), pose.dtype),
     )
+
+
+def _point(attachment: Any) -> Vec | None:
+    """The point of an attachment, which comes first in one that is a point and an axis, or a frame."""
+    parts = jax.tree.leaves(attachment, is_leaf=lambda part: isinstance(part, Vec))
+    return next((part for part in parts if isinstance(part, Vec)), None)
+
+
+def _on_rails(bars: np.ndarray, rails: np.ndarray) -> np.ndarray:
+    """The bars' ends ``(n, d)`` that lie on a rail, which are sliders."""
+    ends = bars.reshape(-1, bars.shape[-1])
+    on_any = np.zeros(len(ends), bool)
+    for low, high in rails:
+        rail = high - low
+        if length2 := rail @ rail:
+            share = np.clip((ends - low) @ rail / length2, 0, 1)
+            off = np.linalg.norm(ends - low - share[:, None] * rail, axis=1)
+            on_any |= off < default_tol(ends.dtype) ** 0.5 * length2**0.5
+    return ends[on_any]
+
+
+def _fitted(segments: np.ndarray, size: int) -> np.ndarray:
+    """Segments ``(n, points, d)`` in as many dimensions as the axes have.
+
+    A planar leg that stands upright, as a scissor does, is laid down into the plane to its left.
+    """
+    missing = size - segments.shape[-1]
+    if missing >= 0:
+        return np.concatenate([segments, np.zeros((*segments.shape[:-1], missing))], axis=-1)
+    flat, heights = segments[..., :size], segments[..., size:]
+    feet = flat.reshape(-1, size)
+    along = feet[np.argmax(np.linalg.norm(feet - feet[0], axis=1))] - feet[0]
+    reach = np.linalg.norm(along)
+    left = np.array([-along[1], along[0]]) / (reach if reach > 0 else 1)
+    return flat + heights * left
 
 
 @jax.jit
@@ -195,13 +246,15 @@ def _axes(ax: Any, *, spatial: bool) -> Any:
     return plt.figure().add_subplot(projection="3d" if spatial else None)
 
 
-def _segments(ax: Any, segments: Sequence[Any], **style: Any) -> None:
+def _segments(ax: Any, segments: np.ndarray, **style: Any) -> None:
     for segment in segments:
-        ax.plot(*np.array(segment).T, **style)
+        ax.plot(*segment.T, **style)
 
 
 def _finish(ax: Any, names: Sequence[str], unit: str) -> None:
-    for name in names:
-        getattr(ax, f"set_{name}label")(f"{name} ({unit})")
-    ax.locator_params(nbins=5)
+    spans = {name: float(np.ptp(getattr(ax, f"get_{name}lim")())) for name in names}
+    for name, span in spans.items():
+        label, share = f"{name} ({unit})" if unit else name, span / max(spans.values())
+        getattr(ax, f"set_{name}label")(label, labelpad=8 * share if ax.name == "3d" else None)
+        ax.locator_params(axis=name, nbins=max(1, round(5 * share)), min_n_ticks=1)
     ax.set_aspect("equal")

@@ -24,7 +24,7 @@ from jaxscissor._spaces import Space
 from jaxscissor._vectors import Rotation, Vec
 
 Joints = tuple[Scalar, ...]  # the joint coordinates of one leg
-Attachment = Any  # what a leg sees of the platform: a point, a point and an axis, ...
+Attachment = Any  # what a leg sees of the platform: a point, a point and an axis, ...; pictures take the first point
 
 
 class Leg:
@@ -51,11 +51,14 @@ class Leg:
         return ()
 
     def bars(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
-        """Segments to draw, in the base frame. Default: none."""
+        """Segments to draw, in the base frame; those of a planar robot may have a height too. Default: none."""
         return ()
 
     def rails(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
-        """Segments fixed to the base that the leg runs on, to draw. Default: none."""
+        """Segments fixed to the base that the leg runs on, to draw, or a joint on it twice. Default: none.
+
+        The first one's first end is the leg's corner of the base.
+        """
         return ()
 
     def mode(self, joints: Joints, attachment: Attachment) -> Scalar:

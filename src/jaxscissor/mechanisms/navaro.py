@@ -77,7 +77,7 @@ class NavaroLeg(Leg):
         return [(theta, joints[1])], [reach > 0]
 
     def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
-        """The scissor's bars, in the vertical plane through the leg."""
+        """The scissor's bars, in the vertical plane through the leg, and the screw and the guide at its open ends."""
         bar = attachment - self.anchor
         along = bar * safe_divide(1, safe_sqrt(bar.dot(bar)))
         low, high = self.stroke
@@ -88,7 +88,18 @@ class NavaroLeg(Leg):
             foot = self.anchor + along * point[1]
             return Vec(foot.x, foot.y, point[0])
 
-        return [(place(p), place(q)) for p, q in scissor.bars(scissor.width(joints[1]))]
+        bars = scissor.bars(scissor.width(joints[1]))
+        (first, last), (first_mirrored, last_mirrored) = (bars[0][0], bars[-1][1]), (bars[1][0], bars[-2][1])
+        bars += [(first, first_mirrored), (last, last_mirrored)]
+        return [(place(p), place(q)) for p, q in bars]
+
+    def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
+        """The anchor, and where the leg's end can go as the scissor stretches."""
+        bar = attachment - self.anchor
+        along = bar * safe_divide(1, safe_sqrt(bar.dot(bar)))
+        low, high = self.stroke
+        end = jnp.where(jnp.isfinite(high), high, joints[1])
+        return [(self.anchor, self.anchor), (self.anchor + along * low, self.anchor + along * end)]
 
 
 @pytree

@@ -61,6 +61,10 @@ class TelescopicLeg(Leg):
         joint = self.anchor + bar * jnp.where(share > 0, share, 0.5)
         return [(self.anchor, joint), (joint, attachment)]
 
+    def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
+        """The ball joint on the base."""
+        return [(self.anchor, self.anchor)]
+
 
 @pytree
 class StewartGough(Mechanism):

@@ -1,0 +1,146 @@
+"""Pictures of every robot: that what is drawn is finite, and stands where the robot is."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxscissor as js
+from jaxscissor.plot import _LEG_COLORS, _RAIL_COLOR
+from tests.toys import Planar3RPR, PRSLeg, ThreePRS
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+def drawn(ax, color, marker="o"):
+    """The segments of a color, each ``(points, dimensions)``."""
+    lines = [line for line in ax.lines if line.get_color() == color and line.get_marker() == marker]
+    return [np.array(line.get_data_3d() if ax.name == "3d" else line.get_data()).T for line in lines]
+
+
+def attached(robot, pose):
+    """The points that the platform's legs hold, as rows."""
+    parts = robot.attachments(*robot.space.place(jnp.asarray(pose)))
+    return np.array([part.array() for part in parts])
+
+
+def test_every_robot_is_drawn_where_it_is(robot):
+    ax = js.plot.robot(robot)
+    pose, _ = robot.home()
+    points, size = attached(robot, pose), robot.space.translations
+    assert ax.name == ("3d" if size == 3 else "rectilinear")
+    assert ax.get_title() == "" and ax.get_aspect() in ("equal", 1)
+    assert [ax.get_xlabel(), ax.get_ylabel()] == ["x (m)", "y (m)"] and (size == 2 or ax.get_zlabel() == "z (m)")
+    everything = [np.array(line.get_data_3d() if size == 3 else line.get_data()) for line in ax.lines]
+    assert all(np.isfinite(line).all() and len(line) == size for line in everything)
+
+    (plate,) = drawn(ax, "black")
+    assert np.abs(plate - points[[*range(len(points)), 0]]).max() < 1e-12 * float(robot.length)
+    for color, point in zip(_LEG_COLORS, points, strict=False):
+        bars = drawn(ax, color)
+        ends = np.concatenate(bars)
+        if isinstance(robot, js.NavaroII):  # the guide's middle
+            ends = np.array([bar.mean(axis=0) for bar in bars])
+        assert np.linalg.norm(ends - point, axis=1).min() < 1e-9 * float(robot.length), "the leg holds the platform"
+    grounded = not isinstance(robot, Planar3RPR)
+    assert bool(drawn(ax, _RAIL_COLOR)) == grounded, "the base is to be seen"
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+def test_scissors_of_a_planar_robot_lie_beside_their_legs_or_stand(spatial):
+    """Every bar has its length in the picture; the drawn legs end at A and B."""
+    robot, pose = js.NavaroII.prototype(6), np.array([38.0, 25.0, 0.5])
+    ax = plt.figure().add_subplot(projection="3d" if spatial else None)
+    assert js.plot.robot(robot, pose, ax=ax, unit="") is ax and ax.get_xlabel() == "x"
+    pad = [0.0] * spatial
+    for color, anchor, tip in zip(_LEG_COLORS, np.asarray(robot.base), attached(robot, pose), strict=False):
+        *bars, screw, guide = drawn(ax, color)
+        lengths = [np.linalg.norm(b - a) for a, b in bars]
+        assert len(bars) == 8 and np.abs(np.array(lengths) - np.sqrt(6481) / 4).max() < 1e-9  # [NAV19 eq. 30]
+        for part, middle in ((screw, anchor), (guide, tip)):
+            assert np.abs(part.mean(axis=0) - [*middle, *pad]).max() < 1e-9
+            across = part[1] - part[0]
+            assert abs(across[:2] @ (tip - anchor)) < 1e-9
+            rho = np.linalg.norm(tip - anchor)
+            assert np.linalg.norm(across) == pytest.approx(np.sqrt(6481 / 16 - (rho / 4) ** 2))  # mu
+            assert not spatial or np.abs(across[:2]).max() < 1e-9, "upright"
+    rails = [np.linalg.norm(rail[1] - rail[0]) for rail in drawn(ax, _RAIL_COLOR, "None")]
+    assert rails == pytest.approx([0, 71] * 3), "anchor and stroke"
+
+
+def test_the_picture_of_a_robot_shows_every_bar_slide_and_the_plate(prototype):
+    ax = js.plot.robot(prototype, [0.1, 0.05, 1.1, 0.1, 0.2, 0.3])
+    assert len(ax.lines) == 3 * (2 + 6 + 2) + 2, "rails, bars and sliders; base and platform"
+    plate = np.array(ax.lines[-1].get_data_3d()).T
+    position, rotation = js.SE3.place(jnp.array([0.1, 0.05, 1.1, 0.1, 0.2, 0.3]))
+    apices = np.stack([np.asarray(a.array()) for a in prototype.attachments(position, rotation)])
+    assert np.abs(plate[:3] - apices).max() < 1e-12
+    bars = [np.array(line.get_data_3d()).T for line in ax.lines[2:8]]
+    assert np.abs(np.array([bar[1] for bar in bars[-2:]]) - apices[0]).max() < 1e-9, "the last bars meet in the apex"
+    with pytest.raises(ValueError, match="does not reach"):
+        js.plot.robot(prototype, [0, 0, 3.0, 0, 0, 0])
+
+
+def test_sliders_are_marked_on_their_rails(prototype):
+    counts = {js.TriScott: 2, js.Micabo: 2, ThreePRS: 1}
+    for robot in (js.TriScott.prototype(), js.Micabo.prototype(), ThreePRS.example()):
+        ax = js.plot.robot(robot)
+        _, joints = robot.home()
+        for leg, color in enumerate(_LEG_COLORS[:3]):
+            marks = np.array([mark[0] for mark in drawn(ax, color, "s")])
+            assert len(marks) == counts[type(robot)]
+            if isinstance(robot, js.Micabo):
+                assert sorted(marks[:, 2]) == pytest.approx(np.sort(joints[leg::3]))
+                assert np.abs(marks[:, :2] - np.asarray(robot.masts[leg])).max() < 1e-12
+    assert len(drawn(js.plot.robot(prototype), _LEG_COLORS[0], "s")) == 2
+
+
+@js.pytree
+class AxisLeg(PRSLeg):
+    def bars(self, joints, attachment):
+        return PRSLeg.bars(self, joints, attachment[0])
+
+
+@js.pytree
+class AxisPRS(ThreePRS):
+    """The 3-PRS whose legs see a point and an axis of the platform, or a frame."""
+
+    framed: bool = js.static(default=False)
+
+    def legs(self):
+        plain = ThreePRS.legs(self)
+        return AxisLeg(plain.slide, plain.rod)
+
+    def attachments(self, position, rotation):
+        points = ThreePRS.attachments(self, position, rotation)
+        return [(point, rotation if self.framed else rotation.columns[2]) for point in points]
+
+
+@pytest.mark.parametrize("framed", [False, True])
+def test_the_platform_is_outlined_through_points_with_axes_and_frames(framed):
+    plain = ThreePRS.example()
+    robot = AxisPRS(plain.rod, plain.top_radius, framed)
+    pose, joints = plain.home()
+    (plate,) = drawn(js.plot.robot(robot, pose, joints=joints), "black")
+    points = attached(plain, pose)
+    assert np.abs(plate - points[[0, 1, 2, 0]]).max() < 1e-12
+
+
+def test_spatial_robots_need_spatial_axes(prototype):
+    with pytest.raises(ValueError, match="flat axes for a spatial robot"):
+        js.plot.robot(prototype, ax=plt.figure().add_subplot())
+
+
+def test_a_scissor_without_end_of_stroke_is_drawn():
+    good = js.NavaroII.prototype()
+    endless = dataclasses.replace(good, stroke=(0.0, np.inf))
+    ax = js.plot.robot(endless)
+    assert all(np.isfinite(line.get_data()).all() for line in ax.lines)
+    assert jax.tree.structure(endless) == jax.tree.structure(good)
