@@ -25,6 +25,7 @@ LEVELS = [
     {"jacobians", "feasibility", "singularity"},
     {"dexterity", "regions"},
     {"workspace", "design"},
+    {"exact"},
     {"plot"},
 ]
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}

@@ -25,6 +25,7 @@ from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import optimize_design as optimize_design
 from jaxscissor.dexterity import gear_ratios as gear_ratios
 from jaxscissor.dexterity import height_amplification as height_amplification
+from jaxscissor.exact import exact_workspace_fraction as exact_workspace_fraction
 from jaxscissor.feasibility import feasibility as feasibility
 from jaxscissor.jacobians import closure_jacobians as closure_jacobians
 from jaxscissor.jacobians import inverse_jacobian as inverse_jacobian
