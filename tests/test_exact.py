@@ -98,7 +98,9 @@ def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
     way = jax.tree.map(lambda leaf: jnp.where(jnp.isfinite(leaf), leaf, 0) * rng.normal(size=leaf.shape), robot)
     steps = 2e-6 * jnp.array([0.0, 1.0, -1.0, 0.5, -0.5])
     designs = jax.vmap(lambda step: jax.tree.map(lambda leaf, d: leaf + step * d, robot, way))(steps)
-    tuned = jax.vmap(jax.value_and_grad(lambda r: js.exact_workspace_fraction(r, region, rays=256, axis=axis, cells=48)))
+    tuned = jax.vmap(
+        jax.value_and_grad(lambda r: js.exact_workspace_fraction(r, region, rays=256, axes=(axis,), cells=48))
+    )
     values, gradients = tuned(designs)
     wide, narrow = (values[1] - values[2]) / 4e-6, (values[3] - values[4]) / 2e-6
     products = jax.tree.map(lambda g, d: jnp.sum(g[0] * d), gradients, way)
@@ -111,14 +113,17 @@ def test_the_prototype_reaches_the_same_part_whichever_way_the_rays_run(prototyp
     cylinder = js.Cylinder(prototype.length / 2, prototype.length)
     hard = js.workspace_fraction(prototype, cylinder.quasi_random(1_000_000, seed=1))
     for axis in (0, 2):
-        assert js.exact_workspace_fraction(prototype, cylinder, rays=4000, axis=axis) == pytest.approx(hard, abs=1e-3)
+        assert js.exact_workspace_fraction(prototype, cylinder, rays=4000, axes=(axis,)) == pytest.approx(
+            hard, abs=1e-3
+        )
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"region": js.Disc([0.0, 0.0], 1.0, 0.0, 1.0)}, "region of poses"),
-        ({"axis": 3}, "axes 0 to 2"),
+        ({"axes": (3,)}, "axes 0 to 2"),
+        ({"axes": ()}, "axes 0 to 2"),
         ({"rays": 0}, "at least one"),
         ({"cells": 0}, "at least one"),
     ],
