@@ -9,7 +9,7 @@ import jaxscissor as js
 from tests.conftest import ROBOTS
 from tests.toys import LinearDelta
 
-RAYS = 2048
+RAYS = 4096
 
 
 def ring(low, high):
@@ -35,19 +35,20 @@ def test_a_ring_has_two_components_a_hole_and_a_known_measure(stroke):
     known, (by_stroke, by_edges) = jax.value_and_grad(ring_along_the_same_rays, (0, 1))(robot.stroke, box)
     assert abs(value - known) < 1e-13
     np.testing.assert_allclose(by_robot.stroke, by_stroke, rtol=1e-6)
-    np.testing.assert_allclose(by_box.low[:2], by_edges.low[:2], rtol=2e-6)
-    np.testing.assert_allclose(by_box.high[:2], by_edges.high[:2], rtol=2e-6)
+    largest = float(jnp.max(jnp.abs(by_stroke)))
+    np.testing.assert_allclose(by_box.low[:2], by_edges.low[:2], atol=1e-6 * largest)
+    np.testing.assert_allclose(by_box.high[:2], by_edges.high[:2], atol=1e-6 * largest)
     assert abs(by_robot.base.sum(axis=0)[0] + by_box.low[0] + by_box.high[0]) < 1e-6  # all moved: nothing moved
 
 
 def test_rays_converge_to_the_area_of_the_ring_and_its_circumferences():
     robot, box = ring(0.4, 1.0), js.Box([-1.1, -1.2, 0.0], [1.2, 1.1, 0.0])
     errors = []
-    for rays in (500, 50_000):
-        value, gradient = jax.value_and_grad(js.exact_workspace_fraction)(robot, box, rays=rays)
+    for rays in (4096, 65_536):
+        value, gradient = jax.value_and_grad(js.exact_workspace_fraction)(robot, box, rays=rays, axes=(0, 1))
         known = np.pi / 2.3**2 * np.array([1.0**2 - 0.4**2, -2 * 0.4, 2 * 1.0])
         errors.append(np.abs(np.array([value, *gradient.stroke]) - known))
-    assert (errors[0] < [1e-3, 0.05, 0.05]).all() and (errors[1] < [1e-6, 4e-3, 4e-3]).all()
+    assert (errors[0] < [1e-4, 1e-3, 1e-3]).all() and (errors[1] < [5e-6, 5e-5, 5e-5]).all()
 
 
 def test_forward_and_reverse_mode_agree():
@@ -71,10 +72,11 @@ def test_folds_without_a_closed_form_are_crossed_and_moved():
             half2 = robot.rod**2 - jnp.minimum(z, 0) ** 2 - (y - foot[1]) ** 2
             half = jnp.where(half2 > 0, js.safe_sqrt(half2), -jnp.inf)
             low, high = jnp.maximum(low, foot[0] - half), jnp.minimum(high, foot[0] + half)
-        return jnp.mean(jnp.where(high > low, high - low, 0)) / 2
+        return jnp.mean(jnp.where(high > low, high - low, 0)) / 2, jnp.min(jnp.abs(high - low))
 
     value, gradient = jax.value_and_grad(js.exact_workspace_fraction)(robot, box, rays=RAYS)
-    expected, by_robot = jax.value_and_grad(known)(robot)
+    (expected, narrowest), by_robot = jax.value_and_grad(known, has_aux=True)(robot)
+    assert narrowest > 1e-3, "nothing that rays need not see"
     assert abs(value - expected) < 1e-12
     assert float(gradient.rod) == pytest.approx(float(by_robot.rod), rel=1e-6)
     assert float(gradient.radius) == pytest.approx(float(by_robot.radius), rel=1e-6)
@@ -111,7 +113,7 @@ def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
 
 def test_the_prototype_reaches_the_same_part_whichever_way_the_rays_run(prototype):
     cylinder = js.Cylinder(prototype.length / 2, prototype.length)
-    hard = js.workspace_fraction(prototype, cylinder.quasi_random(1_000_000, seed=1))
+    hard = float(js.workspace_fraction(prototype, cylinder.quasi_random(1_000_000, seed=1)))
     for axis in (0, 2):
         assert js.exact_workspace_fraction(prototype, cylinder, rays=4000, axes=(axis,)) == pytest.approx(
             hard, abs=1e-3
