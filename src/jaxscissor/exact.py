@@ -172,10 +172,10 @@ def _chunk(settings: _Settings, differentiated: bool, design, lines, counted, to
 
     def add(row, cell, used, totals):
         low, high = (rays.points[row, cell + i] for i in (0, 1))
-        ends = (rays.margins[row, cell + i] for i in (0, 1))
+        at_low, at_high = (rays.margins[row, cell + i] for i in (0, 1))
         line = rays.starts[row], rays.directions[row]
         sign = jnp.where(used, jnp.where(inside[row, cell], 1, -1), 0).astype(low.dtype)
-        point, beyond, left = _last_inside(lambda t: margins(design, *line, t), low, high, *ends, used)
+        point, beyond, left = _last_inside(lambda t: margins(design, *line, t), low, high, at_low, at_high, used)
         _, pull = jax.vjp(lambda d, start: margins(d, start, line[1], point), design, line[0])
         slopes = fence(pull(jnp.ones_like(point))[1])
         slope = jnp.sum(slopes * line[1], axis=1)
