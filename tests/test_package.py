@@ -25,7 +25,7 @@ LEVELS = [
     {"jacobians", "feasibility", "singularity"},
     {"dexterity", "regions"},
     {"workspace", "design"},
-    {"exact"},
+    {"exact", "metrics"},
     {"plot"},
 ]
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
