@@ -88,7 +88,7 @@ def exact_workspace_fraction(
       >>> region = js.Box([0.0, 0.0, -0.3], [90.0, 80.0, 0.3])
       >>> value, gradient = jax.value_and_grad(js.exact_workspace_fraction)(robot, region, rays=512)
       >>> round(float(value), 2), bool(gradient.stroke[1] > 0)  # longer legs reach farther
-      (0.62, True)
+      (0.72, True)
     """
     robot, region = as_floats(robot, region)
     axes = tuple(axes)
