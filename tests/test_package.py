@@ -25,6 +25,7 @@ LEVELS = [
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions"},
     {"workspace", "design", "extremes"},
+    {"exact", "metrics"},
     {"plot"},
 ]
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}

@@ -25,6 +25,7 @@ from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import optimize_design as optimize_design
 from jaxscissor.dexterity import gear_ratios as gear_ratios
 from jaxscissor.dexterity import height_amplification as height_amplification
+from jaxscissor.exact import exact_workspace_fraction as exact_workspace_fraction
 from jaxscissor.extremes import joint_range as joint_range
 from jaxscissor.extremes import minimum_over as minimum_over
 from jaxscissor.feasibility import feasibility as feasibility
@@ -46,6 +47,11 @@ from jaxscissor.mechanisms.tri_scott import Micabo as Micabo
 from jaxscissor.mechanisms.tri_scott import TriScott as TriScott
 from jaxscissor.mechanisms.triple_scissor import SLIDE_ANGLES as SLIDE_ANGLES
 from jaxscissor.mechanisms.triple_scissor import TripleScissorExtender as TripleScissorExtender
+from jaxscissor.metrics import TaskMetrics as TaskMetrics
+from jaxscissor.metrics import WorstCase as WorstCase
+from jaxscissor.metrics import mean_case as mean_case
+from jaxscissor.metrics import task_metrics as task_metrics
+from jaxscissor.metrics import worst_case as worst_case
 from jaxscissor.mobility import Topology as Topology
 from jaxscissor.regions import Box as Box
 from jaxscissor.regions import Cylinder as Cylinder
