@@ -140,7 +140,8 @@ def _follow_jvp(primals, tangents):
         cases = zip(placed.legs, placed.attachments, split_joints(robot, joints), strict=True)
         return join_joints(robot, [implicit(leg_residual, q, ok, (leg, seen)) for leg, seen, q in cases])
 
-    return jax.jvp(roots, (robot, pose), tangents[2:])
+    _, moved = jax.jvp(roots, (robot, pose), tangents[2:])
+    return _follow(*primals), moved  # by itself, so that both outputs are batched along the same axis
 
 
 def forward_kinematics(
