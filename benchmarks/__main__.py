@@ -2,6 +2,9 @@
 
 import argparse
 import json
+import os
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # waiting C++ threads must not count as processor time
 
 import jax
 import jax.numpy as jnp

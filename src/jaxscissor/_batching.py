@@ -1,14 +1,10 @@
-"""How a batch is laid out: leg by leg, lanes last, and in chunks that stay in the cache.
-
-Both tools leave a function unbatched and give it a batching rule of its own, so that ``jax.vmap`` from outside
-meets the fast layout. Derivatives do not pass through either: stop the gradient of what goes in.
-"""
+"""How a batch is evaluated: leg after leg, and in chunks that stay in the cache."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -18,11 +14,14 @@ from jax.custom_batching import custom_vmap
 
 from jaxscissor._fence import fence
 
-CHUNK = 16384  # lanes evaluated together: their intermediate results stay in the cache
+CHUNK = 32768  # lanes evaluated together: their intermediate results stay in the cache
 
 
 def chunked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, which maps many lanes chunk by chunk."""
+    """The function, with a batching rule of its own: ``jax.vmap`` runs many lanes chunk by chunk.
+
+    Reverse-mode derivatives do not pass: stop the gradient of what goes in.
+    """
     mapped = custom_vmap(function)
 
     @mapped.def_vmap
@@ -41,44 +40,19 @@ def chunked(function: Callable[..., Any]) -> Callable[..., Any]:
     return functools.wraps(function)(mapped)
 
 
-def legwise(function: Callable[[Any, Any, Any], Any]) -> Callable[..., Any]:
-    """The function of one leg, mapped over legs: ``(stacked legs, list of what each leg sees, shared) -> list``.
+def over_legs(function: Callable[[Any, Any], Any], legs: Any, seen: Sequence[Any]) -> list[Any]:
+    """Apply a function to each of the stacked legs and what it sees; a list with one result per leg.
 
-    Lanes that are mapped from outside come last, in arrays of shape ``(legs, lanes)``, not first, where
-    every number of a leg would be spread over three neighbours.
+    The legs run one after another through one program, which has a leg's numbers as scalars and the lanes
+    side by side: a third of the program to compile, and the speed of legs unrolled.
     """
-
-    def over_legs(legs, seen, shared):
-        return jax.vmap(function, (0, 0, None))(legs, fence(_stack(seen)), shared)
-
-    @custom_vmap
-    def mapped(legs, seen, shared):
-        return _unstack(over_legs(legs, seen, shared), len(seen))
-
-    @mapped.def_vmap
-    def rule(size, batched, legs, seen, shared):
-        if any(jax.tree.leaves((batched[0], batched[2]))):
-            stacked = jax.vmap(over_legs, _axes(batched), 1)(legs, seen, shared)
-        else:
-            lanes = jax.tree.map(lambda x, b: x if b else jnp.broadcast_to(x, (size, *x.shape)), seen, batched[1])
-            over_lanes = jax.vmap(function, (None, 0, None))
-            stacked = jax.vmap(over_lanes, (0, 0, None))(legs, fence(_stack(lanes)), shared)
-        out = _unstack(stacked, len(seen))
-        return out, jax.tree.map(lambda _: True, out)
-
-    return functools.wraps(function)(mapped)
+    stacked = fence(jax.tree.map(lambda *leaves: jnp.stack(leaves), *seen))
+    out = lax.map(lambda case: function(*case), (legs, stacked))
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], out) for i in range(len(seen))]
 
 
 def _axes(batched: Any) -> Any:
     return jax.tree.map(lambda flag: 0 if flag else None, tuple(batched))
-
-
-def _stack(trees: Any) -> Any:
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
-
-
-def _unstack(tree: Any, count: int) -> list[Any]:
-    return [jax.tree.map(lambda leaf, i=i: leaf[i], tree) for i in range(count)]
 
 
 def _in_chunks(function: Callable[[Any], Any], lanes: Any, size: int) -> Any:

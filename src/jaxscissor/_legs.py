@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._batching import legwise
+from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
 from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar
@@ -102,21 +102,19 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     return Placed(finite, pose, position, rotation, legs, attachments, lax.stop_gradient(homes))
 
 
-@legwise
-def _solve(leg: Any, seen: Any, shared: Any) -> tuple[LegResult, Scalar]:
-    attachment, home, guess = seen
-    result = solve_leg(leg, attachment, home, guess=guess, **shared)
-    return result, leg_status(leg, attachment, result)
-
-
 def solve_legs(
     robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any
 ) -> tuple[list[LegResult], list[Scalar]]:
     """Every leg of a placed robot solved, with its status; of the results only the roots have derivatives."""
     guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
     seen = list(zip(placed.attachments, placed.homes, guesses, strict=True))
-    shared = {"tol": jnp.asarray(tol), "max_steps": jnp.asarray(max_steps)}
-    solved = _solve(*lax.stop_gradient((robot.legs(), seen, shared)))
+
+    def solve(leg, case):
+        attachment, home, start = case
+        result = solve_leg(leg, attachment, home, guess=start, tol=tol, max_steps=max_steps)
+        return result, leg_status(leg, attachment, result)
+
+    solved = over_legs(solve, *lax.stop_gradient((robot.legs(), seen)))
     results = []
     for leg, attachment, (result, _) in zip(placed.legs, placed.attachments, solved, strict=True):
         root = implicit(leg_residual, result.root, result.converged, (leg, attachment))
