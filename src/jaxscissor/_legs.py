@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
 from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar
@@ -36,7 +37,6 @@ class LegResult(NamedTuple):
         return tuple(jnp.where(self.converged, r, s) for r, s in zip(self.root, fixed, strict=True))
 
 
-@jax.jit
 def solve_leg(
     leg: Any,
     attachment: Any,
@@ -61,16 +61,13 @@ def solve_leg(
     return LegResult(root, start, solved, converged, reach, error, steps)
 
 
-@jax.jit
 def leg_status(leg: Any, attachment: Any, result: LegResult) -> Scalar:
-    """Status of one leg; where the home mode fails, all solutions decide between the failures."""
-    solutions = leg.solutions(lax.stop_gradient(attachment))
-    if solutions is None:
+    """Status of one leg; where the home mode fails, the existence of any root decides between the failures."""
+    exists = leg.assembles(lax.stop_gradient(attachment))
+    if exists is None:
         failure = jnp.where(result.converged, Status.OTHER_MODE, Status.MAX_STEPS)
     else:
-        exists = result.converged
-        for valid in solutions[1]:
-            exists = exists | valid
+        exists = exists | result.converged
         failure = jnp.where(exists, Status.OTHER_MODE, Status.NO_SOLUTION)
         if result.reach is None:  # a guess was given and Newton did not get there: nothing is proved by that
             failure = jnp.where(exists & ~result.converged, Status.MAX_STEPS, failure)
@@ -105,14 +102,27 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     return Placed(finite, pose, position, rotation, legs, attachments, lax.stop_gradient(homes))
 
 
-def solve_legs(robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any) -> list[LegResult]:
-    """Solve every leg of a placed robot."""
+def solve_legs(
+    robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any
+) -> tuple[list[LegResult], list[Scalar]]:
+    """Every leg of a placed robot solved, with its status; of the results only the roots have derivatives."""
     guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
-    cases = zip(placed.legs, placed.attachments, placed.homes, guesses, strict=True)
-    return [solve_leg(*case, guess=g, tol=tol, max_steps=max_steps) for *case, g in cases]
+    seen = list(zip(placed.attachments, placed.homes, guesses, strict=True))
+
+    def solve(leg, case):
+        attachment, home, start = case
+        result = solve_leg(leg, attachment, home, guess=start, tol=tol, max_steps=max_steps)
+        return result, leg_status(leg, attachment, result)
+
+    solved = over_legs(solve, *lax.stop_gradient((robot.legs(), seen)))
+    results = []
+    for leg, attachment, (result, _) in zip(placed.legs, placed.attachments, solved, strict=True):
+        root = implicit(leg_residual, result.root, result.converged, (leg, attachment))
+        results.append(result._replace(root=root))
+    return results, [status for _, status in solved]
 
 
 def closest_joints(robot: Mechanism, pose: jax.Array, tol: Any) -> jax.Array:
     """All joints of the home working mode at a pose, or where it does not exist the closest to it."""
-    results = solve_legs(robot, place(robot, pose), None, tol, MAX_STEPS)
+    results, _ = solve_legs(robot, place(robot, pose), None, tol, MAX_STEPS)
     return join_joints(robot, [result.value for result in results])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
+from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, LegResult, leg_status, place, solve_leg
 from jaxscissor._newton import fold_distance, least_squares
@@ -81,7 +83,9 @@ def reached_margin(robot: Mechanism, pose: jax.Array) -> Scalar:
 def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     placed = place(robot, pose)
     cases = list(zip(placed.legs, placed.attachments, placed.homes, strict=True))
-    margin, status = _worst_leg(cases)
+    verdicts = over_legs(_verdict, *lax.stop_gradient((robot.legs(), [case[1:] for case in cases])))
+    margins, statuses = zip(*verdicts, strict=True)
+    margin, status = _least(margins, cases), functools.reduce(jnp.maximum, statuses)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
         off, tol = safe_sqrt(sum(c * c for c in constraints)), default_tol(pose.dtype)
@@ -91,40 +95,33 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     return Feasibility(jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32), margin)
 
 
+def _verdict(leg: Any, case: tuple[Any, Any]) -> tuple[Scalar, Scalar]:
+    """Margin and status of one leg, given (attachment, home)."""
+    margin, result = _leg_margin(leg, *case)
+    return margin, leg_status(leg, case[0], result)
+
+
 @jax.custom_jvp
-def _worst_leg(cases: list[Any]) -> tuple[Scalar, Scalar]:
-    """Least margin and worst status of the legs, each given as (leg, attachment, home)."""
-    margins, statuses = zip(*(_leg_feasibility(case) for case in cases), strict=True)
-    status = statuses[0]
-    for other in statuses[1:]:
-        status = jnp.maximum(status, other)
-    return smallest(margins), status
+def _least(margins: Sequence[Scalar], cases: list[Any]) -> Scalar:
+    """Least margin of the legs, each given as (leg, attachment, home)."""
+    return smallest(margins)
 
 
-@_worst_leg.defjvp
-def _worst_leg_jvp(primals, tangents):
+@_least.defjvp
+def _least_jvp(primals, tangents):
     """Only the leg that decides has a derivative: it is picked first, and one leg differentiated."""
-    (cases,), (moved,) = primals, tangents
-    margins, statuses = zip(*(_leg_feasibility(case) for case in cases), strict=True)
-    margin, status, case, motion = margins[0], statuses[0], cases[0], moved[0]
-    for other, code, leg, tangent in zip(margins[1:], statuses[1:], cases[1:], moved[1:], strict=True):
+    (margins, cases), (_, moved) = primals, tangents
+    margin, case, motion = margins[0], cases[0], moved[0]
+    for other, leg, tangent in zip(margins[1:], cases[1:], moved[1:], strict=True):
         less = other < margin
         margin, case, motion = jax.tree.map(
             lambda new, old, less=less: jnp.where(less, new, old),
             (other, leg, tangent),
             (margin, case, motion),
         )
-        status = jnp.maximum(status, code)
     gradient = fence(jax.grad(lambda c: _leg_margin(*c)[0])(fence(case)))
     products = jax.tree.leaves(jax.tree.map(lambda g, m: jnp.sum(g * m), gradient, motion))
-    return (margin, status), (sum(products[1:], products[0]), np.zeros(status.shape, jax.dtypes.float0))
-
-
-@jax.jit
-def _leg_feasibility(case: tuple[Any, Any, Any]) -> tuple[Scalar, Scalar]:
-    """Margin and status of one leg."""
-    margin, result = _leg_margin(*case)
-    return margin, leg_status(case[0], case[1], result)
+    return _least(*primals), sum(products[1:], products[0])
 
 
 @jax.jit

@@ -94,7 +94,7 @@ def inverse_jacobian(robot: Mechanism, pose: Any, *, rates: Literal["rpy", "twis
 def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array]:
     """Whether the home mode is regular at the pose, and d actuated joints / d twist; zero where it is not."""
     placed = place(robot, pose)
-    results = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
+    results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
     platform = _platform_jacobian(robot, placed)
     usable, rows = placed.finite, {}
     cases = zip(placed.legs, placed.attachments, results, platform, joint_places(robot), strict=True)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._legs import MAX_STEPS, closest_joints, leg_status, place, solve_legs
-from jaxscissor._newton import norm
+from jaxscissor._batching import chunked
+from jaxscissor._legs import MAX_STEPS, closest_joints, place, solve_legs
+from jaxscissor._newton import implicit, norm
 from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._platform import all_joints, assemble, assembly_sign, differentiable_pose, state_at
 from jaxscissor._pytree import as_floats
@@ -20,6 +22,7 @@ from jaxscissor.mechanisms._contract import (
     checked_pose,
     closure,
     join_joints,
+    leg_residual,
     legs_of,
     split_joints,
 )
@@ -98,32 +101,47 @@ def inverse_kinematics(
 
 @jax.jit
 def _inverse_kinematics(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
+    solution = _solve(*lax.stop_gradient((robot, pose, guess, tol, max_steps)))
+    value = _follow(solution.value, solution.converged, robot, pose)
+    value = jnp.where(solution.status == Status.NONFINITE, jnp.nan, value)
+    return Solution(value, solution.status, solution.residual_norm, solution.num_steps)
+
+
+@chunked
+def _solve(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
     placed = place(robot, pose)
-    results = solve_legs(robot, placed, guess, tol, max_steps)
-    statuses = [leg_status(*case) for case in zip(placed.legs, placed.attachments, results, strict=True)]
-    constraints = robot.constraints(placed.position, placed.rotation)
-    return _inverse_solution(robot, placed, results, statuses, constraints, tol)
-
-
-def _inverse_solution(robot, placed, results, statuses, constraints, tol) -> Solution:
-    status, steps = statuses[0], results[0].steps
-    for s, r in zip(statuses[1:], results[1:], strict=True):
-        status, steps = jnp.maximum(status, s), jnp.maximum(steps, r.steps)
+    results, statuses = solve_legs(robot, placed, guess, tol, max_steps)
     norms = [r.norm for r in results]
+    status = functools.reduce(jnp.maximum, statuses)
+    constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
-        off = norm(lax.stop_gradient(tuple(constraints)))
-        status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
-        norms.append(off)
-    status = jnp.where(placed.finite, status, Status.NONFINITE)
-    value = join_joints(robot, [r.value for r in results])
-    ok = status == Status.CONVERGED
-    value = jnp.where(ok, value, lax.stop_gradient(value))
+        norms.append(norm(constraints))
+        status = jnp.where(norms[-1] <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
     return Solution(
-        value=jnp.where(placed.finite, value, jnp.nan),
-        status=status.astype(jnp.int32),
+        value=join_joints(robot, [r.value for r in results]),
+        status=jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32),
         residual_norm=jnp.where(placed.finite, norm(norms), jnp.nan),
-        num_steps=steps,
+        num_steps=functools.reduce(jnp.maximum, [r.steps for r in results]),
     )
+
+
+@jax.custom_jvp
+def _follow(joints: jax.Array, ok: Scalar, robot: Mechanism, pose: jax.Array) -> jax.Array:
+    """The joints found at a pose, with the derivative of the implicit function where ok."""
+    return joints
+
+
+@_follow.defjvp
+def _follow_jvp(primals, tangents):
+    joints, ok, robot, pose = primals
+
+    def roots(robot, pose):
+        placed = place(robot, pose)
+        cases = zip(placed.legs, placed.attachments, split_joints(robot, joints), strict=True)
+        return join_joints(robot, [implicit(leg_residual, q, ok, (leg, seen)) for leg, seen, q in cases])
+
+    _, moved = jax.jvp(roots, (robot, pose), tangents[2:])
+    return _follow(*primals), moved  # by itself, so that both outputs are batched along the same axis
 
 
 def forward_kinematics(

@@ -12,13 +12,13 @@ import jax.numpy as jnp
 from jax import lax
 from jax.core import Tracer
 
+from jaxscissor._batching import CHUNK
 from jaxscissor._fence import fence
 from jaxscissor._pytree import as_floats, float_dtype, pytree
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Sample
 
-CHUNK = 32768  # poses evaluated together: their intermediate results stay in the cache
 _BLOCK = 64  # chunks between two steps of the progress bar
 
 

@@ -9,6 +9,7 @@ methods below by automatic differentiation. Define a leg and a robot with ``pytr
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -69,6 +70,11 @@ class Leg:
     def solutions(self, attachment: Attachment) -> tuple[Sequence[Joints], Sequence[Scalar]] | None:
         """Every root, padded, and which are real. Only this can prove that there is none. Default: unknown."""
         return None
+
+    def assembles(self, attachment: Attachment) -> Scalar | None:
+        """Whether there is any root. Default: whether ``solutions`` has one; ``None`` if that is unknown."""
+        solutions = self.solutions(attachment)
+        return None if solutions is None else functools.reduce(jnp.logical_or, solutions[1])
 
     def closes(self, joints: Joints) -> Scalar:
         """Whether the leg can be assembled with these joints for some attachment. Default: not known to fail."""

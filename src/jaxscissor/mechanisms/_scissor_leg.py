@@ -25,35 +25,62 @@ class _Profile(NamedTuple):
 
     With p = s_A + s_B and m = s_A - s_B, the first closure equation [RAL17 eq. 10] is the hyperbola
     (p - a) m = b p, solved by p = u + a, m = b + a b / u. Put into the second [RAL17 eq. 13] it leaves
-    F(u) = A u^2 + B u + C + beta / u + gamma / u^2 = 0. Here a = r.(d_A + d_B) and b = r.(d_A - d_B)
-    for the apex at r from the slides' intersection, so any slide directions are covered.
+    F(u) = A u^2 + B a u + C + (beta + gamma a / u) a b^2 / u = 0, where A, B, beta and gamma are the
+    leg's. Here a = r.(d_A + d_B) and b = r.(d_A - d_B) for the apex at r from the slides' intersection,
+    so any slide directions are covered.
     """
 
     a: Scalar
     b: Scalar
+    C: Scalar
     A: Scalar
     B: Scalar
-    C: Scalar
     beta: Scalar
     gamma: Scalar
 
     def value(self, u: Scalar) -> Scalar:
         """F(u)."""
-        return (self.A * u + self.B) * u + self.C + (self.beta + self.gamma / u) / u
+        return self.derivatives(u)[0]
 
     def slope(self, u: Scalar) -> Scalar:
         """F'(u)."""
-        return 2 * self.A * u + self.B - (self.beta + 2 * self.gamma / u) / u / u
+        return self.derivatives(u)[1]
 
-    def curvature(self, u: Scalar) -> Scalar:
-        """F''(u)."""
-        return 2 * self.A + (2 * self.beta + 6 * self.gamma / u) / u / u / u
+    def derivatives(self, u: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """F, F' and F'' at u."""
+        a, inverse = self.a, 1 / u
+        beta = self.a * self.b * self.b * inverse
+        gamma = self.gamma * a * inverse * beta
+        beta = self.beta * beta
+        return (
+            (self.A * u + self.B * a) * u + self.C + beta + gamma,
+            2 * self.A * u + self.B * a - (beta + 2 * gamma) * inverse,
+            2 * self.A + (2 * beta + 6 * gamma) * inverse * inverse,
+        )
 
     def joints(self, u: Scalar) -> Joints:
         """The (s_A, s_B) of an unknown u > 0, in units of L; at b = 0 they follow the symmetric branch."""
         p = u + self.a
         m = self.b + self.a * jnp.where(jnp.abs(self.b) > tiny(u), self.b / u, 0)
         return (p + m) / 2, (p - m) / 2
+
+    def has_roots(self) -> Scalar:
+        """Whether F has real roots, by the discriminant of u^2 F, divided by a^2 b^2, on which no sign depends."""
+        A, B, C, g, h = self.A, self.B, self.C, self.gamma, self.beta
+        s, t = self.a**2, self.b**2
+        AA, BB, CC, gg, hh = A * A, B * B, C * C, g * g, h * h
+        discriminant = (
+            4 * C * CC * (4 * A * C * g - A * hh * t - BB * g * s)
+            + CC * (BB * hh - 128 * AA * gg - 80 * A * B * h * g) * s * t
+            + 18 * C * (8 * AA * hh * g * t + 8 * A * BB * gg * s + A * B * h * hh * t + BB * B * h * g * s) * s * t
+            + (256 * AA * A * g * gg - 192 * AA * B * h * gg - 6 * A * BB * hh * g - 4 * BB * B * h * hh) * (s * t) ** 2
+            - 27 * (AA * hh * hh * t**2 + BB * BB * gg * s**2) * s * t
+        )
+        inner = 8 * A * C - 3 * BB * s
+        outer = (
+            64 * AA * A * g * s * t - 16 * AA * CC + 16 * A * BB * C * s - 16 * AA * B * h * s * t - 3 * BB * BB * s**2
+        )
+        return (discriminant < 0) | ((inner < 0) & (outer < 0))
 
 
 @pytree
@@ -111,6 +138,10 @@ class ScissorLeg(Leg):
         fixed = lax.stop_gradient((profile, edge))  # Newton gives the root its derivative
         u = jnp.where(reach >= 0, fence(_outer_root(*fixed)), edge)
         return tuple(s * self.length for s in profile.joints(u)), reach
+
+    def assembles(self, attachment: Vec) -> Scalar:
+        """Whether the ellipse of eq. 13 and the hyperbola of eq. 10 meet at all."""
+        return self._profile(attachment).has_roots()
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """Slides within their stroke, scissor within its stops, apex above the slides; in units of L and 2 l0."""
@@ -214,9 +245,8 @@ class ScissorLeg(Leg):
 
     def _profile(self, attachment: Vec) -> _Profile:
         a, b, rho2, p2, m2 = self._conics(attachment)
-        linear = (2 * p2 - 0.5) * a
         constant = rho2 - 1 + (p2 - 0.5) * a**2 + (m2 - 0.5) * b**2
-        return _Profile(*fence((a, b, p2, linear, constant, (2 * m2 - 0.5) * a * b**2, m2 * (a * b) ** 2)))
+        return _Profile(*fence((a, b, constant)), *fence((p2, 2 * p2 - 0.5, 2 * m2 - 0.5, m2)))
 
 
 def _residual(joints: Joints, args) -> Joints:
@@ -234,9 +264,9 @@ def _edge(profile: _Profile) -> Scalar:
     low = jnp.maximum(jnp.maximum(jnp.abs(b), -a), tiny(b))
     folded = (a > 0) & (profile.slope(low) < 0)
     fixed = lax.stop_gradient(profile)
-    guess = jnp.maximum(_fold_guess(fixed), lax.stop_gradient(low))
-    for _ in range(4):
-        guess = jnp.maximum(_halley(fixed, guess), lax.stop_gradient(low))
+    least = lax.stop_gradient(low)
+    guess = fence(jnp.maximum(_fold_guess(fixed), least))
+    guess = lax.fori_loop(0, 4, lambda _, u: jnp.maximum(_halley(fixed, u), least), guess)
     (fold,) = implicit(_fold_equation, (guess,), folded, profile)
     return jnp.where(folded, fold, low)
 
@@ -246,33 +276,45 @@ def _fold_equation(u: tuple[Scalar], profile: _Profile) -> tuple[Scalar]:
 
 
 def _fold_guess(f: _Profile) -> Scalar:
-    """Upper bound of the fold: 2A u^4 + B u^3 = beta u + 2 gamma, balanced term against term."""
-    beta, gamma = jnp.maximum(f.beta, 0), f.gamma
-    quartic = jnp.maximum(jnp.cbrt(beta / (2 * f.A)), jnp.sqrt(jnp.sqrt(gamma / f.A)))
+    """Upper bound of the fold: 2A u^4 + B a u^3 = (beta u + 2 gamma a) a b^2, balanced term against term.
+
+    The cube root of a b^2 is only needed roughly: two rounds of x <- (a b^2 x)^(1/4) from above.
+    """
+    a, b = jnp.maximum(f.a, 0), jnp.abs(f.b)
+    cube = a * b * b
+    root = jnp.maximum(a, b)
+    for _ in range(2):
+        root = jnp.sqrt(jnp.sqrt(cube * root))
+    beta = jnp.maximum(f.beta, 0)
+    quartic = jnp.cbrt(beta / (2 * f.A)) * root + jnp.sqrt(jnp.sqrt(f.gamma / f.A)) * jnp.sqrt(a * b)
     some = f.B > 0
     slope = jnp.where(some, f.B, 1)
-    cubic = jnp.sqrt(beta / slope) + jnp.cbrt(2 * gamma / slope)
+    cubic = jnp.sqrt(beta / slope) * b + jnp.cbrt(2 * f.gamma / slope) * root
     return jnp.where(some, jnp.minimum(quartic, cubic), quartic)
 
 
 def _halley(f: _Profile, u: Scalar) -> Scalar:
     """One Halley step on u^3 F'(u) = 0."""
-    value = ((2 * f.A * u + f.B) * u * u - f.beta) * u - 2 * f.gamma
-    first = (8 * f.A * u + 3 * f.B) * u * u - f.beta
-    second = (24 * f.A * u + 6 * f.B) * u
+    linear, square = f.B * f.a, f.a * f.b * f.b
+    beta = f.beta * square
+    value = ((2 * f.A * u + linear) * u * u - beta) * u - 2 * f.gamma * f.a * square
+    first = (8 * f.A * u + 3 * linear) * u * u - beta
+    second = (24 * f.A * u + 6 * linear) * u
     return u - safe_divide(2 * value * first, 2 * first**2 - value * second)
 
 
 def _outer_root(f: _Profile, edge: Scalar) -> Scalar:
     """The root of F above the edge, from the right by Euler steps, exact for parabolas and at folds."""
-    bound = f.C + jnp.minimum(f.beta, 0) / edge
-    u = (-f.B + safe_sqrt(f.B**2 - 4 * f.A * bound)) / (2 * f.A)
-    u = jnp.maximum(u, edge)
-    for _ in range(6):
-        value, slope, curvature = f.value(u), f.slope(u), f.curvature(u)
+    linear = f.B * f.a
+    bound = f.C + jnp.minimum(f.beta * f.a, 0) * f.b * f.b / edge
+    u = (-linear + safe_sqrt(linear**2 - 4 * f.A * bound)) / (2 * f.A)
+
+    def step(_, u):
+        value, slope, curvature = f.derivatives(u)
         root = safe_sqrt(slope**2 - 2 * value * curvature)
-        u = jnp.maximum(u - safe_divide(2 * value, slope + root), edge)
-    return u
+        return jnp.maximum(u - safe_divide(2 * value, slope + root), edge)
+
+    return lax.fori_loop(0, 6, step, fence(jnp.maximum(u, edge)))
 
 
 def _circle_roots(k0: Scalar, k1: Scalar, k2: Scalar, k3: Scalar):

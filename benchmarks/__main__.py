@@ -1,0 +1,101 @@
+"""Run all rows and write ``results/<name>.json`` and ``.md``: ``python -m benchmarks [--small] [--check]``."""
+
+import argparse
+import json
+import os
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # waiting C++ threads must not count as processor time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxscissor as js
+from benchmarks import library, peers
+from benchmarks.poses import RATIOS, judge, tse_poses
+from benchmarks.report import RESULTS, regressions, table
+from benchmarks.timing import interleaved, machine, phases
+
+
+def rate_row(count, wall, cpu):
+    return {"poses": count, "poses_per_s": count / wall, "cpu_ns_per_pose": cpu / count * 1e9}
+
+
+def quality_row(poses, joints, solved):
+    residual, home = judge(RATIOS, poses, np.asarray(joints))
+    solved = np.asarray(solved)
+    quantiles = np.quantile(residual[solved], [0.5, 0.98, 1.0])
+    row = {"success": float(solved.mean()), "wrong_branch": int((solved & ~home).sum())}
+    return row | dict(zip(("p50", "p98", "max"), quantiles.tolist(), strict=True))
+
+
+def contest(count, rounds):
+    """Inverse kinematics of the TSE: the library and its peers on the same poses, in turn."""
+    poses, robot = tse_poses(count), library.tse()
+    on_device = jnp.asarray(poses)
+    program, compiled = phases(library.inverse, robot, on_device)
+    fraction, compiled_fraction = phases(js.workspace_fraction, robot, on_device)
+    plain, simd, optimistix = peers.cpp("plain"), peers.cpp("simd"), peers.optimistix_newton()
+    fewer, few = poses[: max(count // 50, 100)], poses[: max(count // 2000, 100)]
+    runs = {
+        "C++, plain": (poses, lambda: plain(poses)),
+        "C++, SIMD": (poses, lambda: simd(poses)),
+        "this library, vmap": (poses, lambda: program(robot, on_device)),
+        "this library, workspace_fraction": (poses, lambda: fraction(robot, on_device)),
+        "NumPy, vectorised": (poses, lambda: peers.numpy_newton(poses)),
+        "optimistix, vmap": (fewer, lambda: optimistix(fewer)),
+        "SciPy fsolve": (few, lambda: peers.scipy_fsolve(few)),
+    }
+    times = interleaved({name: run for name, (_, run) in runs.items()}, rounds)
+    rows = {}
+    for name, (used, run) in runs.items():
+        rows[name] = rate_row(len(used), *times[name])
+        if name == "this library, workspace_fraction":
+            rows[name] |= {"success": float(run())}
+        else:
+            out = run()
+            rows[name] |= quality_row(used, *(out if isinstance(out, tuple) else (out.value, out.converged)))
+    rows["this library, vmap"] |= compiled
+    rows["this library, workspace_fraction"] |= compiled_fraction
+    return rows
+
+
+def own_rows(cases, rounds):
+    """Rows of the library alone, each beside the plain C++ of the same moment."""
+    poses, plain, rows = tse_poses(100_000), peers.cpp("plain"), {}
+    for name, (function, args, count) in cases.items():
+        program, compiled = phases(function, *args)
+        both = interleaved({"own": lambda p=program, a=args: p(*a), "plain": lambda: plain(poses)}, rounds)
+        rows[name] = rate_row(count, *both["own"]) | {"plain_cpu_ns": both["plain"][1] / len(poses) * 1e9} | compiled
+        print(name, {k: v for k, v in rows[name].items() if k != "poses"}, flush=True)
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--small", action="store_true", help="a tenth of the poses and batches up to 10^5")
+    parser.add_argument("--check", action="store_true", help="compare with the stored results, exit 1 if slower")
+    parser.add_argument("--rounds", type=int, default=5)
+    args = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    count = 100_000 if args.small else 1_000_000
+    before = machine()
+    results = {"contest": contest(count, args.rounds)}
+    print(table(results["contest"]), flush=True)
+    cases = (
+        library.robots(count // 10) | library.functions(count // 10) | library.sizes(100_000 if args.small else 10**7)
+    )
+    results["library"] = own_rows(cases, args.rounds)
+    results["machine"] = machine() | {"load_at_start": before["load"]}
+    name = "small" if args.small else "full"
+    stored = RESULTS / f"{name}.json"
+    if args.check:
+        slower = regressions(results, json.loads(stored.read_text()))
+        raise SystemExit("\n".join(slower) if slower else 0)
+    stored.write_text(json.dumps(results, indent=1) + "\n")
+    text = [f"`{results['machine']}`", table(results["contest"]), table(results["library"])]
+    stored.with_suffix(".md").write_text("\n\n".join(text) + "\n")
+
+
+if __name__ == "__main__":
+    main()
