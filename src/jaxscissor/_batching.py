@@ -14,6 +14,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxscissor._fence import fence
 
+_REGISTER = 8  # lanes; loops over chunks of an odd length take twice as long
 CHUNK = 32768  # lanes evaluated together: their intermediate results stay in the cache
 
 
@@ -56,11 +57,12 @@ def _axes(batched: Any) -> Any:
 
 
 def _in_chunks(function: Callable[[Any], Any], lanes: Any, size: int) -> Any:
-    """Apply a function of lanes to equal chunks of them, the last one filled up."""
-    count = math.ceil(size / CHUNK)
-    if count == 1:
+    """Apply a function of lanes to equal chunks of whole registers, the last one filled up if need be."""
+    least = math.ceil(size / CHUNK)
+    if least == 1:
         return function(lanes)
-    chunk = math.ceil(size / count)
+    count = next((k for k in range(least, 2 * least) if size % (k * _REGISTER) == 0), least)
+    chunk = _REGISTER * math.ceil(size / (count * _REGISTER))
 
     def split(x):
         filled = jnp.pad(x, [(0, count * chunk - size)] + [(0, 0)] * (x.ndim - 1), mode="edge")
