@@ -24,7 +24,7 @@ LEVELS = [
     {"kinematics", "assembly", "constraints"},
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions"},
-    {"workspace", "design", "extremes"},
+    {"workspace", "design", "extremes", "clearance"},
     {"exact", "metrics"},
     {"plot"},
 ]

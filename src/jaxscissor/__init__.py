@@ -20,6 +20,9 @@ from jaxscissor._vectors import Vec as Vec
 from jaxscissor.assembly import forward_kinematics_all as forward_kinematics_all
 from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
 from jaxscissor.assembly import within_limits as within_limits
+from jaxscissor.clearance import Clearance as Clearance
+from jaxscissor.clearance import clearance as clearance
+from jaxscissor.clearance import clearance_along as clearance_along
 from jaxscissor.constraints import constrained_pose as constrained_pose
 from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import optimize_design as optimize_design

@@ -103,26 +103,28 @@ def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
 
 
 def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):
-    """Both measures, and the matrix they come from."""
-    matrix = fence(_closure_matrix(robot, position, rotation, joints))
+    """Both measures at given joints, and the matrix they come from."""
+    matrix = fence(closure_matrix(robot, position, rotation, joints))
     d, linear = robot.space.dimension, robot.space.translations
     type1 = []
-    for columns in _leg_columns(robot):
+    for columns in leg_columns(robot):
         block = matrix[jnp.array(columns) - d]  # one equation per joint
         own, moved = block[:, jnp.array(columns)], block[:, :linear]
-        type1.append(safe_divide(_det(own), safe_sqrt(_det(own @ own.T + moved @ moved.T))))
+        type1.append(safe_divide(small_determinant(own), safe_sqrt(small_determinant(own @ own.T + moved @ moved.T))))
     actuated = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if a]
-    passive = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if not a]
+    passive = passive_columns(robot)
     twist, driven, free = matrix[:, :d], matrix[:, jnp.array(actuated)], matrix[:, jnp.array(passive, int)]
     # det(N A A^T N^T + N B B^T N^T) for any N that eliminates the passive columns, without choosing one
     gram = fence(twist @ twist.T + driven @ driven.T)
     corner = jnp.zeros((len(passive), len(passive)), gram.dtype)
     bordered = jnp.block([[gram, free], [free.T, corner]]) if passive else gram
-    type2 = safe_divide(_det(jnp.concatenate([twist, free], axis=1)), safe_sqrt(jnp.abs(_det(bordered))))
+    type2 = safe_divide(
+        small_determinant(jnp.concatenate([twist, free], axis=1)), safe_sqrt(jnp.abs(small_determinant(bordered)))
+    )
     return jnp.stack(type1), type2, matrix
 
 
-def _closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array) -> jax.Array:
+def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array) -> jax.Array:
     """Derivative of the closure by (twist, joints leg by leg), lengths in units of the robot's length."""
     legs, angular = legs_of(robot), robot.legs().angular
     d, linear = robot.space.dimension, robot.space.translations
@@ -143,7 +145,7 @@ def _closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def _leg_columns(robot: Mechanism) -> list[list[int]]:
+def leg_columns(robot: Mechanism) -> list[list[int]]:
     """Columns of the closure matrix that belong to each leg's joints."""
     columns, start = [], robot.space.dimension
     for leg in robot.actuation():
@@ -152,12 +154,16 @@ def _leg_columns(robot: Mechanism) -> list[list[int]]:
     return columns
 
 
+def passive_columns(robot: Mechanism) -> list[int]:
+    """Columns of the closure matrix that belong to passive joints."""
+    return [robot.space.dimension + i for i, actuated in enumerate(sum(robot.actuation(), ())) if not actuated]
+
+
 def _motions(robot: Mechanism, matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Right singular vectors of the least singular values: joints with the platform at rest, twist with actuators."""
     d = robot.space.dimension
-    joints = [_null(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in _leg_columns(robot)]
-    passive = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if not a]
-    twist = _null(matrix[:, jnp.array([*range(d), *passive])])[:d]
+    joints = [_null(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in leg_columns(robot)]
+    twist = _null(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])[:d]
     scale = jnp.where(jnp.arange(d) < robot.space.translations, robot.length, 1)
     return jnp.stack(joints), scale * twist * safe_divide(1, safe_sqrt(jnp.sum(twist**2)))
 
@@ -166,5 +172,6 @@ def _null(matrix: jax.Array) -> jax.Array:
     return jnp.linalg.svd(matrix)[2][-1]
 
 
-def _det(matrix: jax.Array) -> Scalar:
+def small_determinant(matrix: jax.Array) -> Scalar:
+    """Determinant, unrolled; a polynomial where rank is lost."""
     return determinant([[matrix[i, j] for j in range(matrix.shape[1])] for i in range(matrix.shape[0])])

@@ -1,0 +1,97 @@
+"""Distances to singularities: known ones, the nearest against any other way, and what surrounds a pose."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxscissor as js
+from tests.conftest import ROBOTS
+from tests.toys import ThreePRS
+
+along = jax.jit(jax.vmap(js.clearance_along, (None, None, 0)))
+measures = jax.jit(jax.vmap(js.singularity, (None, 0)))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_similar_triangles_are_loose_where_they_are_not_turned(scale):
+    robot = js.NavaroII.prototype(mode=8)
+    robot = js.NavaroII(robot.base * scale, robot.platform * scale, robot.stroke * scale, mode=8)
+    nearest = js.clearance(robot, jnp.array([45.0 * scale, 26.0 * scale, 0.2]))
+    assert nearest.kind == 2 and nearest.leg == -1
+    np.testing.assert_allclose(nearest.rotation, 0.2, atol=1e-6)
+    np.testing.assert_allclose(nearest.distance / robot.length, 0.2, atol=1e-6)
+    np.testing.assert_allclose(nearest.pose[2], 0, atol=1e-6)
+
+
+def test_a_scott_linkage_reaches_as_far_as_its_link_is_long():
+    robot = js.TriScott.prototype()
+    pose, _ = robot.home()
+    met = js.clearance_along(robot, pose, jnp.zeros(6).at[0].set(1.0))
+    masts, links, corners, start = (np.asarray(x) for x in (robot.masts, robot.link_lengths, robot.platform, pose))
+    cos, sin = np.cos(start[5]), np.sin(start[5])
+    x, y = (corners @ np.array([[cos, sin], [-sin, cos]]) + start[:2] - masts).T
+    stretched = np.sqrt(links**2 - y**2) - x
+    assert met.kind == 1 and int(met.leg) == np.argmin(stretched)
+    np.testing.assert_allclose(met.distance, stretched.min(), rtol=1e-7)
+
+
+@pytest.fixture(scope="module", params=["tse_prototype", "navaro_mode_3"])
+def case(request):
+    robot = ROBOTS[request.param]()
+    pose = robot.home()[0]
+    return robot, pose, js.clearance(robot, pose)
+
+
+def test_the_nearest_is_no_farther_than_any_other(case):
+    robot, pose, nearest = case
+    twists = np.random.default_rng(1).normal(size=(64, pose.shape[0]))
+    twists[:, robot.space.translations :] /= float(robot.length)
+    others = along(robot, pose, jnp.asarray(twists))
+    assert np.isfinite(others.distance).sum() > 20
+    assert (np.asarray(others.distance) >= float(nearest.distance) * (1 - 1e-6)).all()
+
+
+def test_nothing_changes_sign_within_the_distance_and_something_ends_at_it(case):
+    robot, pose, nearest = case
+    rng = np.random.default_rng(2)
+    steps = rng.normal(size=(256, pose.shape[0]))
+    steps *= 0.98 * float(nearest.distance) / np.linalg.norm(steps, axis=1, keepdims=True)
+    steps[:, robot.space.translations :] /= float(robot.length)
+    move = jax.vmap(
+        lambda step: jnp.stack(robot.space.coordinates(*robot.space.retract(*robot.space.place(pose), tuple(step))))
+    )
+    around, at_home = measures(robot, move(jnp.asarray(steps))), js.singularity(robot, pose)
+    assert (around.status == js.Status.CONVERGED).all()
+    assert (np.sign(around.type2) == np.sign(at_home.type2)).all()
+    assert (np.sign(around.type1) == np.sign(at_home.type1)).all()
+    end = js.singularity(robot, nearest.pose, joints=nearest.joints)
+    size = abs(end.type2 / at_home.type2) if nearest.kind == 2 else abs(end.type1 / at_home.type1)[nearest.leg]
+    assert size < 1e-3  # type 1 vanishes with the root of the distance
+
+
+def test_turns_that_count_more_are_farther_away(case):
+    robot, pose, nearest = case
+    heavier = js.clearance(robot, pose, angle_length=3 * robot.length)
+    assert heavier.distance >= nearest.distance * (1 - 1e-6)
+    weighted = jnp.hypot(heavier.translation, 3 * robot.length * heavier.rotation)
+    np.testing.assert_allclose(heavier.distance, weighted, rtol=1e-12)
+
+
+def test_unreachable_poses_and_short_reaches_are_told():
+    robot = js.NavaroII.prototype(mode=8)
+    away = js.clearance_along(robot, jnp.array([45.0, jnp.nan, 0.2]), jnp.array([0.0, 0.0, 1.0]))
+    assert away.status == js.Status.NONFINITE and jnp.isnan(away.distance) and away.kind == 0
+    near = partial(js.clearance_along, robot, jnp.array([45.0, 26.0, 0.2]), jnp.array([0.0, 0.0, -1.0]))
+    assert jnp.isinf(near(reach=10.0).distance) and near(reach=20.0).kind == 2
+    still = js.clearance_along(robot, jnp.array([45.0, 26.0, 0.2]), jnp.zeros(3))
+    assert jnp.isinf(still.distance)
+
+
+def test_bound_poses_and_wrong_shapes_are_refused():
+    with pytest.raises(ValueError, match="bound by constraints"):
+        js.clearance(ThreePRS.example(), ThreePRS.example().home()[0])
+    with pytest.raises(ValueError, match="expected a twist"):
+        js.clearance_along(js.NavaroII.prototype(), jnp.zeros(3), jnp.zeros(6))
