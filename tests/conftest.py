@@ -14,6 +14,9 @@ import jaxscissor as js
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
 matplotlib.use("Agg")
+if "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ:  # compiling takes most of the time: a quarter of it this way
+    os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
+    jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64", "1") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

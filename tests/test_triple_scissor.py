@@ -403,3 +403,20 @@ def test_a_robot_can_be_built_inside_a_compiled_function(prototype):
 
     assert float(jax.jit(height)(prototype.top_radius)) == pytest.approx(float(height(prototype.top_radius)))
     assert float(jax.jit(lambda: dataclasses.replace(prototype).home()[0][2])()) > 1
+
+
+def test_derivatives_are_finite_on_the_boundary_to_the_last_bit(prototype):
+    """On a fold the Jacobian of a leg is zero to rounding, and may be so in one place of a program only."""
+
+    def margin(radius, height):
+        return js.feasibility(prototype, jnp.stack([radius, radius / 3, height, *jnp.zeros(3)])).margin
+
+    heights = jnp.linspace(0.4, 1.5, 20_000)
+    margins, slopes = (jax.jit(jax.vmap(f)) for f in (margin, jax.grad(margin)))
+    low, high = jnp.zeros_like(heights), jnp.ones_like(heights)
+    for _ in range(55):
+        middle = (low + high) / 2
+        inside = margins(middle, heights) >= 0
+        low, high = jnp.where(inside, middle, low), jnp.where(inside, high, middle)
+    for radius in (low, high, jnp.nextafter(low, low - 1), jnp.nextafter(high, high + 1)):
+        assert jnp.isfinite(slopes(radius, heights)).all()

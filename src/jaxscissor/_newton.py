@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._fence import fence
-from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt, solve
+from jaxscissor._numerics import Scalar, determinant, regular, safe_divide, safe_sqrt, solve
 
 Unknowns = tuple[Scalar, ...]
 Residual = Callable[[Any, Any], Unknowns]  # (state, args) -> one scalar per unknown
@@ -94,7 +94,7 @@ def implicit(residual: Residual, root: Unknowns, ok: Scalar, args: Any) -> Unkno
     """Give a root of ``residual(root, args) = 0`` its derivative by the implicit function theorem.
 
     The rule calls itself, so forward, reverse and higher derivatives all work. Where ``ok`` is false, and
-    where the Jacobian is exactly singular, the derivative is zero; the system is replaced *before* the
+    where the Jacobian is singular to rounding, the derivative is zero; the system is replaced *before* the
     solve, so that no ``nan`` can leak into the neighbours of a failed lane.
     """
     return root
@@ -107,7 +107,7 @@ def _implicit_jvp(residual, primals, tangents):
     _, rows = value_and_jacobian(lambda x: residual(x, args), root)
     _, moved = jax.jvp(lambda a: residual(root, a), (args,), (tangents[2],))
     rows, moved = fence(rows), fence(moved)
-    usable = ok & (determinant(rows) != 0)
+    usable = ok & regular(rows)
     rows = [[jnp.where(usable, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
     return root, solve(rows, [jnp.where(usable, -m, 0) for m in moved])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -72,6 +73,18 @@ def determinant(rows: Sequence[Sequence[Scalar]]) -> Scalar:
     if len(rows) <= 6:
         return _laplace(_matrix(rows))
     return jnp.linalg.det(_matrix(rows))
+
+
+def regular(rows: Sequence[Sequence[Scalar]]) -> Scalar:
+    """Whether a small matrix can be inverted: its determinant is more than the rounding of its terms.
+
+    Compared with zero alone, a determinant may pass here and round to zero in ``solve``.
+    """
+    det = determinant(rows)
+    if len(rows) > 3:
+        return det != 0
+    bound = math.prod(sum(jnp.abs(e) for e in row) for row in rows)
+    return jnp.abs(det) > 4 * float(jnp.finfo(jnp.result_type(det)).eps) * bound
 
 
 def _laplace(matrix: jax.Array) -> Scalar:

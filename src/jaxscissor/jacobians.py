@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, place, solve_legs
 from jaxscissor._newton import value_and_jacobian
-from jaxscissor._numerics import Scalar, default_tol, determinant, solve
+from jaxscissor._numerics import Scalar, default_tol, regular, solve
 from jaxscissor._pytree import as_floats
 from jaxscissor.kinematics import flat_residual
 from jaxscissor.mechanisms._contract import (
@@ -99,8 +99,8 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
     usable, rows = placed.finite, {}
     cases = zip(placed.legs, placed.attachments, results, platform, joint_places(robot), strict=True)
     for leg, attachment, result, moved, places in cases:
-        regular, jacobian = leg_jacobian(leg, attachment, result.value)
-        usable = usable & regular & result.solved
+        invertible, jacobian = leg_jacobian(leg, attachment, result.value)
+        usable = usable & invertible & result.solved
         rows |= {place: row @ moved for place, row in zip(places, jacobian, strict=True)}
     matrix = jnp.stack([rows[i] for i, actuated in enumerate(actuated_mask(robot)) if actuated])
     return usable, jnp.where(usable, matrix, 0)
@@ -108,15 +108,15 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
 
 @jax.jit
 def leg_jacobian(leg: Any, attachment: Any, joints: Joints) -> tuple[Scalar, jax.Array]:
-    """J_S of one leg: whether it is regular, and d joints / d attachment, ``(joints, numbers)`` [ICRA16 eq. 21]."""
+    """J_S of one leg: whether it can be inverted, and d joints / d attachment, ``(joints, numbers)`` [ICRA16 eq. 21]."""
     numbers, tree = jax.tree.flatten(attachment)
     _, by_joints = value_and_jacobian(lambda q: leg.residual(q, attachment), joints)
     _, by_numbers = value_and_jacobian(lambda a: leg.residual(joints, jax.tree.unflatten(tree, a)), tuple(numbers))
     by_joints, by_numbers = fence((by_joints, by_numbers))
-    regular = determinant(by_joints) != 0
-    safe = [[jnp.where(regular, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(by_joints)]
+    invertible = regular(by_joints)
+    safe = [[jnp.where(invertible, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(by_joints)]
     columns = [jnp.stack(solve(safe, [-c for c in column])) for column in zip(*by_numbers, strict=True)]
-    return regular, jnp.stack(columns, axis=-1)
+    return invertible, jnp.stack(columns, axis=-1)
 
 
 def _platform_jacobian(robot: Mechanism, placed: Any) -> list[jax.Array]:
