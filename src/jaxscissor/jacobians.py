@@ -108,7 +108,7 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
 
 @jax.jit
 def leg_jacobian(leg: Any, attachment: Any, joints: Joints) -> tuple[Scalar, jax.Array]:
-    """J_S of one leg: whether it can be inverted, and d joints / d attachment, ``(joints, numbers)`` [ICRA16 eq. 21]."""
+    """J_S of one leg: whether invertible, and d joints / d attachment, ``(joints, numbers)`` [ICRA16 eq. 21]."""
     numbers, tree = jax.tree.flatten(attachment)
     _, by_joints = value_and_jacobian(lambda q: leg.residual(q, attachment), joints)
     _, by_numbers = value_and_jacobian(lambda a: leg.residual(joints, jax.tree.unflatten(tree, a)), tuple(numbers))
