@@ -420,3 +420,13 @@ def test_derivatives_are_finite_on_the_boundary_to_the_last_bit(prototype):
         low, high = jnp.where(inside, middle, low), jnp.where(inside, high, middle)
     for radius in (low, high, jnp.nextafter(low, low - 1), jnp.nextafter(high, high + 1)):
         assert jnp.isfinite(slopes(radius, heights)).all()
+
+
+def test_ratios_have_derivatives_up_to_rigid_legs():
+    def margin(k1):
+        robot = js.TripleScissorExtender.from_ratios(k1, 0.5, 0.02, 0.1)
+        return js.feasibility(robot, jnp.array([0.2, 0.1, 0.6, 0.1, 0.0, 0.2])).margin
+
+    slope, step = jax.grad(margin)(1.0), 1e-6
+    margins = jax.vmap(margin)(1.0 - step * jnp.arange(3.0))
+    assert slope == pytest.approx(float(3 * margins[0] - 4 * margins[1] + margins[2]) / (2 * step), rel=1e-6)

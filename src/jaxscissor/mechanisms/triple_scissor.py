@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxscissor._fence import fence
-from jaxscissor._numerics import Scalar, safe_sqrt
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._spaces import SE3, fit_triangle
 from jaxscissor._vectors import Rotation, Vec
@@ -173,7 +173,7 @@ class TripleScissorExtender(Mechanism):
         return ScissorLeg(
             base_link=each(scissor.base_link),
             length=each(scissor.length),
-            shares=each(upper / jnp.sum(upper)) if len(upper) else jnp.zeros((3, 0), upper.dtype),
+            shares=each(upper * safe_divide(1, jnp.sum(upper))) if len(upper) else jnp.zeros((3, 0), upper.dtype),
             origin=outward * self.actuator_radius + Vec(level, level, level + self.base_offset),
             slide_a=tangent * along + outward * across,
             slide_b=tangent * -along + outward * across,
