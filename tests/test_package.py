@@ -24,9 +24,9 @@ LEVELS = [
     {"kinematics", "assembly", "constraints"},
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions", "encumbrance"},
-    {"workspace", "design", "extremes", "aspects", "loci"},
-    {"exact", "metrics", "modes", "_slices"},
-    {"_singularity_pictures"},
+    {"workspace", "design", "extremes", "loci"},
+    {"exact", "metrics", "aspects", "_slices"},
+    {"modes", "_singularity_pictures"},
     {"plot"},
 ]
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}

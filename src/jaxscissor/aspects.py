@@ -14,13 +14,11 @@ import numpy as np
 
 from jaxscissor.assembly import forward_kinematics_all
 from jaxscissor.constraints import constrained_pose
-from jaxscissor.feasibility import reached_margin
 from jaxscissor.kinematics import inverse_kinematics
+from jaxscissor.loci import fields
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Box
-from jaxscissor.singularity import singularity
 
-_LANES = 8192  # poses evaluated together, whatever their number: one program per robot
 _HALVINGS = 4  # of a line between two cells, before it counts as blocked
 _CHECKS = 20  # poses at which every straight piece of a path is verified
 
@@ -219,20 +217,10 @@ def between(poses: np.ndarray, count: int) -> np.ndarray:
     return np.concatenate([lines.reshape(-1, poses.shape[1]), poses[-1:]])
 
 
-@jax.jit
-def _type2_in_reach(robot: Mechanism, poses: jax.Array) -> jax.Array:
-    def measure(pose):
-        type2 = singularity(robot, constrained_pose(robot, pose).value).type2
-        return jnp.where(reached_margin(robot, pose) >= 0, type2, jnp.nan)
-
-    return jax.vmap(measure)(poses)
-
-
 def usable_type2(robot: Mechanism, poses: np.ndarray) -> np.ndarray:
     """Type-2 measure of poses ``(n, d)`` in the home mode within all limits, elsewhere ``nan``."""
-    padded = np.concatenate([poses, np.broadcast_to(poses[:1], (-len(poses) % _LANES, poses.shape[1]))])
-    parts = [_type2_in_reach(robot, jnp.asarray(part)) for part in padded.reshape(-1, _LANES, poses.shape[1])]
-    return np.concatenate([np.asarray(part) for part in parts] or [poses[:, 0]])[: len(poses)]
+    type2, margin = fields(robot, poses)
+    return np.where(margin >= 0, type2, np.nan)
 
 
 @jax.jit

@@ -15,6 +15,8 @@ from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Box
 from jaxscissor.singularity import singularity
 
+_LANES = 8192  # poses evaluated together, whatever their number: one program per robot
+
 
 def singular_surface(robot: Mechanism, box: Box, shape: Sequence[int]) -> np.ndarray:
     """Triangles of the surface where the type-2 measure vanishes, as far as the robot reaches.
@@ -53,17 +55,25 @@ def singular_surface(robot: Mechanism, box: Box, shape: Sequence[int]) -> np.nda
     )
     poses = np.broadcast_to(low, (*nodes.shape[:-1], len(low))).copy()
     poses[..., moving] = nodes
-    type2, margin = (np.asarray(part).reshape(nodes.shape[:-1]) for part in _fields(robot, poses.reshape(-1, len(low))))
+    type2, margin = (field.reshape(nodes.shape[:-1]) for field in fields(robot, poses.reshape(-1, len(low))))
     triangles, margins = _zero_level(nodes, type2, margin)
     return triangles[margins.mean(axis=1) >= 0]
 
 
+def fields(robot: Mechanism, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Type-2 measure, ``nan`` outside the home mode, and feasibility margin of poses ``(n, d)``."""
+    padded = np.concatenate([poses, np.broadcast_to(poses[:1], (-len(poses) % _LANES, poses.shape[1]))])
+    parts = [_fields(robot, jnp.asarray(part)) for part in padded.reshape(-1, _LANES, poses.shape[1])]
+    type2, margin = (np.concatenate([part[i] for part in parts] or [poses[:, 0]])[: len(poses)] for i in range(2))
+    return type2, margin
+
+
 @jax.jit
 def _fields(robot: Mechanism, poses: jax.Array) -> tuple[jax.Array, jax.Array]:
-    def fields(pose):
+    def each(pose):
         return singularity(robot, constrained_pose(robot, pose).value).type2, reached_margin(robot, pose)
 
-    return jax.vmap(fields)(jnp.asarray(poses))
+    return jax.vmap(each)(poses)
 
 
 def _zero_level(nodes: np.ndarray, values: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
