@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._slices import Slice, label, label_slice, margins_of, new_axes, slice_of
-from jaxscissor.constraints import constrained_pose
+from jaxscissor._slices import Slice, label, label_slice, new_axes, slice_of
+from jaxscissor.loci import fields
 from jaxscissor.loci import singular_surface as surface_triangles
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Box
-from jaxscissor.singularity import singularity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,8 +47,7 @@ def singularity_map(
       ValueError: an unknown coordinate or a wrong shape of the pose.
     """
     robot, slice_ = slice_of(robot, pose, axes, low, high, resolution)
-    margins = np.asarray(margins_of(robot, slice_.poses)).reshape(slice_.shape)
-    type2 = np.asarray(_measures(robot, slice_.poses)[0]).reshape(slice_.shape)
+    type2, _, margins = (field.reshape(slice_.shape) for field in fields(robot, slice_.poses))
     type2 = np.ma.masked_where(~((margins >= 0) & np.isfinite(type2)), type2)
     ax = new_axes(ax, spatial=False)
     ax.contourf(slice_.xs, slice_.ys, margins, levels=[0, np.inf], colors=["0.88"])
@@ -78,12 +74,11 @@ def _folds(robot: Mechanism, slice_: Slice, margins: np.ndarray) -> np.ndarray:
     reached, lost = np.concatenate(ends, axis=1)
     if not len(reached):
         return np.zeros((0, 2))
-    for _ in range(np.finfo(reached.dtype).nmant):
+    for _ in range(np.finfo(reached.dtype).nmant * 3 // 4):
         middle = (reached + lost) / 2
-        good = (np.asarray(margins_of(robot, middle)) >= 0)[:, None]
+        good = (fields(robot, middle).margin >= 0)[:, None]
         reached, lost = np.where(good, middle, reached), np.where(good, lost, middle)
-    nearest = np.asarray(_measures(robot, reached)[1])
-    return reached[nearest < np.finfo(reached.dtype).eps ** 0.25][:, slice_.places]
+    return reached[fields(robot, reached).type1 < np.finfo(reached.dtype).eps ** 0.25][:, slice_.places]
 
 
 def singular_surface(
@@ -133,14 +128,3 @@ def _lit(triangles: np.ndarray, color: Any) -> np.ndarray:
     sizes = np.linalg.norm(normals, axis=1, keepdims=True)
     light = np.abs(normals / np.where(sizes > 0, sizes, 1) @ np.array([0.36, -0.48, 0.8]))
     return np.array(to_rgb(color)) * (0.45 + 0.55 * light[:, None])
-
-
-@jax.jit
-def _measures(robot: Mechanism, poses: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Type-2 measure and the least magnitude of the type-1 measures."""
-
-    def measures(pose):
-        found = singularity(robot, constrained_pose(robot, pose).value)
-        return found.type2, jnp.min(jnp.abs(found.type1))
-
-    return jax.vmap(measures)(poses)

@@ -219,8 +219,8 @@ def between(poses: np.ndarray, count: int) -> np.ndarray:
 
 def usable_type2(robot: Mechanism, poses: np.ndarray) -> np.ndarray:
     """Type-2 measure of poses ``(n, d)`` in the home mode within all limits, elsewhere ``nan``."""
-    type2, margin = fields(robot, poses)
-    return np.where(margin >= 0, type2, np.nan)
+    found = fields(robot, poses)
+    return np.where(found.margin >= 0, found.type2, np.nan)
 
 
 @jax.jit

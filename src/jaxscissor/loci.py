@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -55,23 +56,32 @@ def singular_surface(robot: Mechanism, box: Box, shape: Sequence[int]) -> np.nda
     )
     poses = np.broadcast_to(low, (*nodes.shape[:-1], len(low))).copy()
     poses[..., moving] = nodes
-    type2, margin = (field.reshape(nodes.shape[:-1]) for field in fields(robot, poses.reshape(-1, len(low))))
-    triangles, margins = _zero_level(nodes, type2, margin)
+    found = jax.tree.map(lambda field: field.reshape(nodes.shape[:-1]), fields(robot, poses.reshape(-1, len(low))))
+    triangles, margins = _zero_level(nodes, found.type2, found.margin)
     return triangles[margins.mean(axis=1) >= 0]
 
 
-def fields(robot: Mechanism, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Type-2 measure, ``nan`` outside the home mode, and feasibility margin of poses ``(n, d)``."""
+class Fields(NamedTuple):
+    """What pictures and partitions ask of poses ``(n, d)``: measures, ``nan`` outside the home mode, and margin."""
+
+    type2: Any
+    type1: Any  # least magnitude of the legs'
+    margin: Any
+
+
+def fields(robot: Mechanism, poses: np.ndarray) -> Fields:
+    """Measures and feasibility margin of poses ``(n, d)``."""
     padded = np.concatenate([poses, np.broadcast_to(poses[:1], (-len(poses) % _LANES, poses.shape[1]))])
     parts = [_fields(robot, jnp.asarray(part)) for part in padded.reshape(-1, _LANES, poses.shape[1])]
-    type2, margin = (np.concatenate([part[i] for part in parts] or [poses[:, 0]])[: len(poses)] for i in range(2))
-    return type2, margin
+    empty = Fields(*[poses[:0, 0]] * 3)
+    return jax.tree.map(lambda *column: np.concatenate(column)[: len(poses)], empty, *parts)
 
 
 @jax.jit
-def _fields(robot: Mechanism, poses: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _fields(robot: Mechanism, poses: jax.Array) -> Fields:
     def each(pose):
-        return singularity(robot, constrained_pose(robot, pose).value).type2, reached_margin(robot, pose)
+        found = singularity(robot, constrained_pose(robot, pose).value)
+        return Fields(found.type2, jnp.min(jnp.abs(found.type1)), reached_margin(robot, pose))
 
     return jax.vmap(each)(poses)
 
