@@ -144,3 +144,57 @@ def test_a_scissor_without_end_of_stroke_is_drawn():
     ax = js.plot.robot(endless)
     assert all(np.isfinite(line.get_data()).all() for line in ax.lines)
     assert jax.tree.structure(endless) == jax.tree.structure(good)
+
+
+def lines_of(ax, width):
+    """Vertices ``(n, 2)`` of the contour lines of a width."""
+    sets = [c for c in ax.collections if hasattr(c, "levels") and np.allclose(c.get_linewidths(), width)]
+    return np.concatenate([path.vertices for c in sets for path in c.get_paths()])
+
+
+def test_a_singularity_map_shows_the_locus_inside_the_workspace():
+    """Mode 8 of NaVARo II: alpha = 0 in any slice, and a circle about the middle [NAV19 eq. 38]."""
+    robot = dataclasses.replace(js.NavaroII.prototype(8), stroke=(0.0, np.inf))
+    low, high = (-60.0, -60.0), (150.0, 150.0)
+    ax = js.plot.singularity_map(robot, [0.0, 0.0, 0.5], low=low, high=high, resolution=60, unit="mm")
+    circle = lines_of(ax, 2) - np.array([45.0, 15 * np.sqrt(3)])
+    off = np.abs(np.linalg.norm(circle, axis=1) - np.sqrt(3000 - 1800 * np.cos(0.5)))
+    assert np.median(off) < 0.1 and off.max() < 3.6, "within a cell, also where a leg vanishes"
+    assert np.ptp(np.arctan2(*circle.T)) > 6 and ax.get_title() == ""
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("x (mm)", "y (mm)", 1)
+
+    limited = js.NavaroII.prototype(8)
+    low, high = (-60.0, -3.0), (150.0, 3.0)
+    ax = js.plot.singularity_map(limited, [0.0, 20.0, 0.0], ("x", "alpha"), low=low, high=high, resolution=60, unit="")
+    locus = lines_of(ax, 2)
+    off = np.hypot(locus[:, 0] - 45, 20 - 15 * np.sqrt(3)) - np.sqrt(3000 - 1800 * np.cos(locus[:, 1]))
+    assert np.minimum(np.abs(locus[:, 1]) / 0.1, np.abs(off) / 3.6).max() < 1, "either factor vanishes, within a cell"
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x", "alpha (rad)")
+    margins = [float(js.feasibility(limited, [x, 20.0, alpha]).margin) for x, alpha in locus[::5]]
+    assert min(margins) > -0.01
+    assert len(ax.lines[-1].get_xdata()) == 0, "limits of the stroke are not singular"
+    with pytest.raises(ValueError, match="expected two of"):
+        js.plot.singularity_map(limited, [0.0, 20.0, 0.0], ("x", "z"), low=low, high=high)
+
+
+def test_a_singularity_map_marks_the_folds_of_the_home_mode(prototype):
+    low, high = (-0.9, -1.0), (0.9, 1.0)
+    pose, axes = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], ("x", "yaw")
+    ax = js.plot.singularity_map(prototype, pose, axes, low=low, high=high, resolution=24)
+    dots = np.array(ax.lines[-1].get_data()).T
+    assert len(dots)
+    for x, yaw in dots:  # on one side of the fold the leg is nearly singular, on the other the mode is lost
+        sides = [js.singularity(prototype, [x + dx, 0.0, 1.0, 0.0, 0.0, yaw]) for dx in (-1e-6, 1e-6)]
+        nearest = np.sort([float(jnp.abs(side.type1).min()) for side in sides])  # nan comes last
+        assert nearest[0] < 0.01 and np.isnan(nearest[1])
+
+
+def test_a_singular_surface_is_drawn_in_its_box():
+    robot = js.NavaroII.prototype(8)
+    box = js.Box([20.0, 10.0, -1.0], [70.0, 40.0, 1.0])
+    ax = js.plot.singular_surface(robot, box, shape=(5, 4, 5), unit="mm")
+    (surface,) = ax.collections
+    assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x (mm)", "y (mm)", "alpha (rad)"]
+    assert ax.get_zlim() == (-1, 1) and np.ptp(surface.get_facecolor()[:, 0]) >= 0
+    empty = js.plot.singular_surface(robot, js.Box([40.0, 20.0, 0.5], [50.0, 30.0, 0.7]), shape=(2, 2, 2))
+    assert not empty.collections

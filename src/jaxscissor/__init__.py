@@ -17,6 +17,12 @@ from jaxscissor._spaces import SE2 as SE2
 from jaxscissor._spaces import SE3 as SE3
 from jaxscissor._vectors import Rotation as Rotation
 from jaxscissor._vectors import Vec as Vec
+from jaxscissor.aspects import AspectPath as AspectPath
+from jaxscissor.aspects import Aspects as Aspects
+from jaxscissor.aspects import CuspidalSearch as CuspidalSearch
+from jaxscissor.aspects import aspect_path as aspect_path
+from jaxscissor.aspects import aspects as aspects
+from jaxscissor.aspects import cuspidal_search as cuspidal_search
 from jaxscissor.assembly import forward_kinematics_all as forward_kinematics_all
 from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
 from jaxscissor.assembly import within_limits as within_limits
@@ -28,6 +34,8 @@ from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import optimize_design as optimize_design
 from jaxscissor.dexterity import gear_ratios as gear_ratios
 from jaxscissor.dexterity import height_amplification as height_amplification
+from jaxscissor.encumbrance import SweptArea as SweptArea
+from jaxscissor.encumbrance import swept_area as swept_area
 from jaxscissor.exact import exact_workspace_fraction as exact_workspace_fraction
 from jaxscissor.extremes import joint_range as joint_range
 from jaxscissor.extremes import minimum_over as minimum_over
@@ -37,6 +45,7 @@ from jaxscissor.jacobians import inverse_jacobian as inverse_jacobian
 from jaxscissor.kinematics import forward_kinematics as forward_kinematics
 from jaxscissor.kinematics import inverse_kinematics as inverse_kinematics
 from jaxscissor.kinematics import residual as residual
+from jaxscissor.loci import singular_surface as singular_surface
 from jaxscissor.mechanisms._contract import Leg as Leg
 from jaxscissor.mechanisms._contract import Mechanism as Mechanism
 from jaxscissor.mechanisms.navaro import ACTUATION_MODES as ACTUATION_MODES
@@ -56,6 +65,9 @@ from jaxscissor.metrics import mean_case as mean_case
 from jaxscissor.metrics import task_metrics as task_metrics
 from jaxscissor.metrics import worst_case as worst_case
 from jaxscissor.mobility import Topology as Topology
+from jaxscissor.modes import ModePlan as ModePlan
+from jaxscissor.modes import PlanStatus as PlanStatus
+from jaxscissor.modes import plan_modes as plan_modes
 from jaxscissor.regions import Box as Box
 from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc

@@ -9,7 +9,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxscissor._vectors import Vec
 
@@ -71,7 +70,7 @@ def determinant(rows: Sequence[Sequence[Scalar]]) -> Scalar:
         a, b, c = (Vec(*row) for row in rows)
         return a.dot(b.cross(c))
     if len(rows) <= 6:
-        return _laplace(_matrix(rows))
+        return _laplace(rows)
     return jnp.linalg.det(_matrix(rows))
 
 
@@ -87,18 +86,16 @@ def regular(rows: Sequence[Sequence[Scalar]]) -> Scalar:
     return jnp.abs(det) > 4 * float(jnp.finfo(jnp.result_type(det)).eps) * bound
 
 
-def _laplace(matrix: jax.Array) -> Scalar:
+def _laplace(rows: Sequence[Sequence[Scalar]]) -> Scalar:
     """Expansion along the upper half of the rows: a polynomial, so that its derivatives exist at rank loss."""
-    size, half = matrix.shape[0], matrix.shape[0] // 2
-    chosen = np.array(list(itertools.combinations(range(size), half)))
-    rest = np.array([[j for j in range(size) if j not in row] for row in chosen])
-    signs = (-1) ** (chosen.sum(axis=1) - half * (half - 1) // 2)
-
-    def minors(rows, columns):
-        picked = rows[:, columns]  # (rows, choices, columns)
-        return determinant([[picked[i, :, j] for j in range(picked.shape[2])] for i in range(picked.shape[0])])
-
-    return jnp.sum(signs.astype(matrix.dtype) * minors(matrix[:half], chosen) * minors(matrix[half:], rest))
+    size, half = len(rows), len(rows) // 2
+    total: Scalar = 0 * rows[0][0]
+    for columns in itertools.combinations(range(size), half):
+        rest = [j for j in range(size) if j not in columns]
+        upper = determinant([[row[j] for j in columns] for row in rows[:half]])
+        lower = determinant([[row[j] for j in rest] for row in rows[half:]])
+        total = total + (-1) ** (sum(columns) - half * (half - 1) // 2) * upper * lower
+    return total
 
 
 def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:

@@ -1,4 +1,4 @@
-"""Matplotlib pictures: a robot in a pose, its workspace as points and slices, the course of an optimization."""
+"""Matplotlib pictures: a robot in a pose, its workspace and singularities, the course of an optimization."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import numpy as np
 
 from jaxscissor._legs import place
 from jaxscissor._numerics import default_tol
+from jaxscissor._singularity_pictures import singular_surface as singular_surface
+from jaxscissor._singularity_pictures import singularity_map as singularity_map
+from jaxscissor._slices import label_slice, margins_of, new_axes, slice_of
 from jaxscissor._vectors import Vec
 from jaxscissor.constraints import constrained_pose
 from jaxscissor.design import DesignResult
-from jaxscissor.feasibility import reached_margin
 from jaxscissor.kinematics import inverse_kinematics
 from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, split_joints
 
@@ -56,7 +58,7 @@ def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = N
             raise ValueError(f"The home mode does not reach the pose {pose}; give joints to draw another mode.")
         joints = solution.value
     drawing = jax.tree.map(np.asarray, _drawing(robot, pose, checked_joints(robot, joints)))
-    ax = _axes(ax, spatial=robot.space.translations == 3)
+    ax = new_axes(ax, spatial=robot.space.translations == 3)
     size = 3 if ax.name == "3d" else 2
     if size < robot.space.translations:
         raise ValueError('Got flat axes for a spatial robot; expected axes of add_subplot(projection="3d").')
@@ -135,11 +137,6 @@ def _fitted(segments: np.ndarray, size: int) -> np.ndarray:
     return flat + heights * left
 
 
-@jax.jit
-def _margins(robot: Mechanism, poses: jax.Array) -> jax.Array:
-    return jax.vmap(lambda pose: reached_margin(robot, pose))(poses)
-
-
 def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", size: float = 2.0) -> Axes:
     """Cloud of the positions that a robot reaches in its home mode within all limits.
 
@@ -155,15 +152,15 @@ def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", 
     """
     poses = jnp.asarray(poses)
     linear = robot.space.translations
-    reached = poses[np.asarray(_margins(robot, poses)) >= 0]
+    reached = poses[np.asarray(margins_of(robot, poses)) >= 0]
     points = np.asarray(jax.vmap(lambda pose: constrained_pose(robot, pose).value)(reached)[:, :linear])
-    ax = _axes(ax, spatial=linear == 3)
+    ax = new_axes(ax, spatial=linear == 3)
     ax.scatter(*points.T, s=size, c=points[:, -1], cmap="viridis", linewidths=0, rasterized=True)
     _finish(ax, robot.space.names[:linear], unit)
     return ax
 
 
-def workspace_slice(
+def workspaceslice_of(
     robot: Mechanism,
     pose: Any,
     axes: tuple[str, str] = ("x", "z"),
@@ -191,27 +188,13 @@ def workspace_slice(
     Raises:
       ValueError: an unknown coordinate or a wrong shape of the pose.
     """
-    robot, pose = checked_pose(robot, pose)
-    names = robot.space.names
-    if not set(axes) <= set(names):
-        raise ValueError(f"Got axes {axes}; expected two of {names}.")
-    if set(axes) & set(robot.dependent):
-        raise ValueError(f"Got axes {axes}; the constraints determine {robot.dependent}. Take the others.")
-    first, second = (names.index(name) for name in axes)
-    xs, ys = (np.linspace(a, b, resolution, dtype=pose.dtype) for a, b in zip(low, high, strict=True))
-
-    grid = jnp.broadcast_to(pose, (resolution, resolution, pose.shape[0]))
-    grid = grid.at[..., first].set(xs[None, :]).at[..., second].set(ys[:, None])
-    margins = np.asarray(_margins(robot, grid.reshape(-1, pose.shape[0]))).reshape(resolution, resolution)
-    ax = _axes(ax, spatial=False)
-    ax.contourf(xs, ys, margins, levels=[0, np.inf], colors=["0.85"])
-    ax.contour(xs, ys, margins, levels=np.arange(0.05, 0.5, 0.05), colors="0.55", linewidths=0.6)
-    ax.contour(xs, ys, margins, levels=[0], colors="black", linewidths=1.5)
-    angular = [names.index(name) >= robot.space.translations for name in axes]
-    for name, is_angle, label in zip(axes, angular, (ax.set_xlabel, ax.set_ylabel), strict=True):
-        label(f"{name} (rad)" if is_angle else f"{name} ({unit})")
-    if not any(angular):
-        ax.set_aspect("equal")
+    robot, slice_ = slice_of(robot, pose, axes, low, high, resolution)
+    margins = np.asarray(margins_of(robot, slice_.poses)).reshape(slice_.shape)
+    ax = new_axes(ax, spatial=False)
+    ax.contourf(slice_.xs, slice_.ys, margins, levels=[0, np.inf], colors=["0.85"])
+    ax.contour(slice_.xs, slice_.ys, margins, levels=np.arange(0.05, 0.5, 0.05), colors="0.55", linewidths=0.6)
+    ax.contour(slice_.xs, slice_.ys, margins, levels=[0], colors="black", linewidths=1.5)
+    label_slice(ax, robot, axes, unit)
     return ax
 
 
@@ -226,7 +209,7 @@ def history(result: DesignResult, *, ax: Any = None, label: str = "objective") -
     Returns:
       The axes.
     """
-    ax = _axes(ax, spatial=False)
+    ax = new_axes(ax, spatial=False)
     values, violated = np.asarray(result.history.objective), np.asarray(result.history.violation) > 1e-3
     steps = np.arange(len(values))
     for start, (column, off) in enumerate(zip(values.T, violated.T, strict=True)):
@@ -236,14 +219,6 @@ def history(result: DesignResult, *, ax: Any = None, label: str = "objective") -
     ax.set_xlabel("step")
     ax.set_ylabel(label)
     return ax
-
-
-def _axes(ax: Any, *, spatial: bool) -> Any:
-    if ax is not None:
-        return ax
-    import matplotlib.pyplot as plt
-
-    return plt.figure().add_subplot(projection="3d" if spatial else None)
 
 
 def _segments(ax: Any, segments: np.ndarray, **style: Any) -> None:

@@ -111,17 +111,43 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
         block = matrix[jnp.array(columns) - d]  # one equation per joint
         own, moved = block[:, jnp.array(columns)], block[:, :linear]
         type1.append(safe_divide(small_determinant(own), safe_sqrt(small_determinant(own @ own.T + moved @ moved.T))))
-    actuated = [d + i for i, a in enumerate(sum(robot.actuation(), ())) if a]
+    return jnp.stack(type1), _type2(robot, matrix), matrix
+
+
+def _type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
+    d, flags = robot.space.dimension, sum(robot.actuation(), ())
+    actuated = [d + i for i, a in enumerate(flags) if a]
     passive = passive_columns(robot)
+    reduced = _without_passive(robot, matrix)
+    if reduced is not None:
+        matrix, passive = reduced, []
     twist, driven, free = matrix[:, :d], matrix[:, jnp.array(actuated)], matrix[:, jnp.array(passive, int)]
     # det(N A A^T N^T + N B B^T N^T) for any N that eliminates the passive columns, without choosing one
     gram = fence(twist @ twist.T + driven @ driven.T)
     corner = jnp.zeros((len(passive), len(passive)), gram.dtype)
     bordered = jnp.block([[gram, free], [free.T, corner]]) if passive else gram
-    type2 = safe_divide(
+    return safe_divide(
         small_determinant(jnp.concatenate([twist, free], axis=1)), safe_sqrt(jnp.abs(small_determinant(bordered)))
     )
-    return jnp.stack(type1), type2, matrix
+
+
+def _without_passive(robot: Mechanism, matrix: jax.Array) -> jax.Array | None:
+    """Closure rows free of passive joints where every leg leaves one row, by the minors of its passive columns, or all.
+
+    Three rows instead of nine for a planar robot; ``None`` for legs with several actuated joints and passive ones.
+    """
+    rows, first = [], robot.space.dimension
+    for columns, flags in zip(leg_columns(robot), robot.actuation(), strict=True):
+        block, count = matrix[jnp.array(columns) - first], flags.count(False)
+        if count not in (0, len(flags) - 1):
+            return None
+        if count:
+            free = block[:, jnp.array([column for column, a in zip(columns, flags, strict=True) if not a])]
+            minors = [(-1) ** i * small_determinant(jnp.delete(free, i, axis=0)) for i in range(len(flags))]
+            block = (jnp.stack(minors) @ block)[None]
+        rows.append(block)
+    constraints = matrix[sum(map(len, robot.actuation())) :]
+    return jnp.concatenate([*rows, constraints])
 
 
 def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array) -> jax.Array:
