@@ -14,6 +14,7 @@ import jaxscissor as js
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
 matplotlib.use("Agg")
+jax.config.update("jax_num_cpu_devices", 8)  # for tests that share out work; the others use the first
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64", "1") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -17,10 +17,10 @@ def save(path: str, job: dict[str, Any], done: int, totals: Any) -> None:
     """Replace the file by the totals after ``done`` chunks; with many processes, the first one writes."""
     if jax.process_index() > 0:
         return
-    leaves = {f"total_{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(totals))}
+    state: dict[str, Any] = {f"total_{i}": np.asarray(leaf) for i, leaf in enumerate(jax.tree.leaves(totals))}
     unfinished = f"{path}.part"
     with open(unfinished, "wb") as file:
-        np.savez(file, done=done, **_identity(job), **leaves)
+        np.savez(file, **state, **_identity(job), done=done)
         file.flush()
         os.fsync(file.fileno())
     os.replace(unfinished, path)
@@ -42,9 +42,9 @@ def restore(path: str, job: dict[str, Any], totals: Any) -> tuple[int, Any]:
 
 def _read(path: str, job: dict[str, Any], totals: Any) -> tuple[np.ndarray, Any]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            saved = dict(file)
-    except (ValueError, TypeError, zipfile.BadZipFile) as error:
+        with open(path, "rb") as file:
+            saved = dict(np.load(file, allow_pickle=False))
+    except (ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"Got {path!r}, which is no checkpoint; name another file or delete it.") from error
     identity = _identity(job)
     other = [name.removeprefix("job_") for name in identity if str(saved.get(name)) != identity[name]]
@@ -56,7 +56,7 @@ def _read(path: str, job: dict[str, Any], totals: Any) -> tuple[np.ndarray, Any]
     return saved["done"].astype(np.int32), structure.unflatten([saved[f"total_{i}"] for i in range(len(leaves))])
 
 
-def _identity(job: dict[str, Any]) -> dict[str, str]:
+def _identity(job: dict[str, Any]) -> dict[str, Any]:
     """A digest of everything that the sum depends on, by name."""
     return {f"job_{name}": _digest(value) for name, value in job.items()}
 

@@ -74,7 +74,7 @@ def add_up(add: Callable[..., Any], settings: Any, plan: Plan, totals: Any, job:
 def _block(add, settings, chunk: int, mesh: Mesh | None, totals, job, size, first, last):
     """Totals with the chunks from ``first`` to before ``last`` added, every device taking its share of them."""
 
-    def share(job, size, first, last, device, devices: int):
+    def share(job, size, first, last, device: Any = 0, devices: int = 1):
         def step(turn, sums):
             numbers = (first + device + turn * devices).astype(jnp.uint32) * jnp.uint32(chunk)
             numbers = numbers + jnp.arange(chunk, dtype=jnp.uint32)
@@ -84,17 +84,20 @@ def _block(add, settings, chunk: int, mesh: Mesh | None, totals, job, size, firs
         turns = (last - first - device + devices - 1) // devices
         return lax.fori_loop(0, turns, step, jax.tree.map(lambda total: jnp.zeros(total.shape, total.dtype), totals))
 
-    def shared(*args):
-        flat, unravel = ravel_pytree(share(*args, lax.axis_index(mesh.axis_names), mesh.size))
+    work = share if mesh is None else _on_all(mesh, share)
+    return jax.tree.map(jnp.add, totals, work(job, size, first, last))
+
+
+def _on_all(mesh: Mesh, share: Callable[..., Any]) -> Callable[..., Any]:
+    """The sum of every device's share, by one reduction of all totals together."""
+
+    def work(*args):
+        mine = share(*args, device=lax.axis_index(mesh.axis_names), devices=mesh.size)
+        flat, unravel = ravel_pytree(mine)
         return unravel(lax.psum(flat, mesh.axis_names))
 
-    args = job, size, first, last
-    if mesh is None:
-        sums = share(*args, 0, 1)
-    else:
-        everywhere = PartitionSpec()
-        sums = jax.shard_map(shared, mesh=mesh, in_specs=everywhere, out_specs=everywhere, check_vma=False)(*args)
-    return jax.tree.map(jnp.add, totals, sums)
+    everywhere = PartitionSpec()
+    return jax.shard_map(work, mesh=mesh, in_specs=everywhere, out_specs=everywhere, check_vma=False)
 
 
 def _progress(blocks: range) -> Iterable[int]:
