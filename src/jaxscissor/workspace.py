@@ -172,7 +172,8 @@ def _add_soft_gradient(_, totals, *case, robot, sample, sharpness):
 
 def _soft_sum(robot, sample, sharpness, numbers, counted) -> jax.Array:
     poses = fence(sample.poses(numbers))
-    soft = jax.vmap(lambda pose: _smooth_step(sharpness * reached_margin(robot, pose)))(poses)
+    margins = fence(jax.vmap(lambda pose: reached_margin(robot, pose))(poses))
+    soft = _smooth_step(sharpness * margins)
     return jnp.sum(jnp.where(counted, soft, 0))
 
 
