@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.experimental import multihost_utils
 
 
 def save(path: str, job: dict[str, Any], done: int, totals: Any) -> None:
@@ -36,6 +35,8 @@ def restore(path: str, job: dict[str, Any], totals: Any) -> tuple[int, Any]:
     if jax.process_index() == 0 and os.path.exists(path):
         state = _read(path, job, totals)
     if jax.process_count() > 1:  # all must go on from the same chunk, whatever files they see
+        from jax.experimental import multihost_utils
+
         state = multihost_utils.broadcast_one_to_all(state)
     return int(state[0]), jax.tree.map(jnp.asarray, state[1])
 
