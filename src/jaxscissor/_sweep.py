@@ -52,11 +52,11 @@ def add_up(add: Callable[..., Any], settings: Any, plan: Plan, totals: Any, job:
       ValueError: a checkpoint of another job, or a checkpoint under a transformation.
     """
     size, chunks = jnp.uint32(plan.size), -(-plan.size // plan.chunk)
-    block = partial(_block, add, settings, plan.chunk, plan.mesh)
+    block = partial(_block, add, settings, plan.chunk, plan.mesh, totals, job, size)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(job)):
         if plan.checkpoint is not None:
             raise ValueError("Got a checkpoint inside jit or vmap; only a call with numbers can be saved and resumed.")
-        return block(totals, job, size, jnp.int32(0), jnp.int32(chunks))
+        return block(jnp.int32(0), jnp.int32(chunks))
     identity = job | {"function": str((add.__name__, settings)), "size": size, "chunk": plan.chunk}
     first = 0
     if plan.checkpoint is not None:
@@ -64,17 +64,18 @@ def add_up(add: Callable[..., Any], settings: Any, plan: Plan, totals: Any, job:
     step = _BLOCK * (plan.mesh.size if plan.mesh else 1)
     for start in _progress(range(first, chunks, step)):
         stop = min(start + step, chunks)
-        totals = jax.block_until_ready(block(totals, job, size, jnp.int32(start), jnp.int32(stop)))
+        sums = jax.block_until_ready(block(jnp.int32(start), jnp.int32(stop)))
+        totals = jax.tree.map(jnp.add, totals, sums)
         if plan.checkpoint is not None:
             save(plan.checkpoint, identity, stop, totals)
     return totals
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def _block(add, settings, chunk: int, mesh: Mesh | None, totals, job, size, first, last):
-    """Totals with the chunks from ``first`` to before ``last`` added, every device taking its share of them."""
+def _block(add, settings, chunk: int, mesh: Mesh | None, zeros, job, size, first, last):
+    """Sums over the chunks from ``first`` to before ``last``, every device taking its share of them."""
 
-    def share(job, size, first, last, device: Any = 0, devices: int = 1):
+    def share(zeros, job, size, first, last, device: Any = 0, devices: int = 1):
         def step(turn, sums):
             numbers = (first + device + turn * devices).astype(jnp.uint32) * jnp.uint32(chunk)
             numbers = numbers + jnp.arange(chunk, dtype=jnp.uint32)
@@ -82,10 +83,10 @@ def _block(add, settings, chunk: int, mesh: Mesh | None, totals, job, size, firs
             return add(settings, sums, jnp.where(counted, numbers, 0), counted, **job)
 
         turns = (last - first - device + devices - 1) // devices
-        return lax.fori_loop(0, turns, step, jax.tree.map(lambda total: jnp.zeros(total.shape, total.dtype), totals))
+        return lax.fori_loop(0, turns, step, zeros)
 
     work = share if mesh is None else _on_all(mesh, share)
-    return jax.tree.map(jnp.add, totals, work(job, size, first, last))
+    return work(zeros, job, size, first, last)
 
 
 def _on_all(mesh: Mesh, share: Callable[..., Any]) -> Callable[..., Any]:
