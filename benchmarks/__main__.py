@@ -12,6 +12,7 @@ import numpy as np
 
 import jaxscissor as js
 from benchmarks import library, peers
+from benchmarks.figure import throughput
 from benchmarks.poses import RATIOS, judge, tse_poses
 from benchmarks.report import RESULTS, regressions, table
 from benchmarks.timing import interleaved, machine, phases
@@ -95,6 +96,8 @@ def main():
     stored.write_text(json.dumps(results, indent=1) + "\n")
     text = [f"`{results['machine']}`", table(results["contest"]), table(results["library"])]
     stored.with_suffix(".md").write_text("\n\n".join(text) + "\n")
+    if not args.small:
+        throughput(results, RESULTS / "throughput.png")
 
 
 if __name__ == "__main__":

@@ -47,6 +47,9 @@ def functions(count):
     def mapped(function):
         return jax.vmap(function, (None, 0))
 
+    rays = count // 100
+    exact = partial(js.exact_workspace_fraction, region=js.Cylinder(robot.length / 2, robot.length), rays=rays)
+
     def design_step(robot, poses):
         gradient = jax.grad(soft)(robot, poses)
         updates, _ = optimizer.update(gradient, optimizer.init(robot))
@@ -62,6 +65,8 @@ def functions(count):
         "hard fraction, float32": (js.workspace_fraction, single, count),
         "soft fraction": (soft, (robot, poses), count),
         "soft fraction and gradient": (jax.value_and_grad(soft), (robot, poses), count),
+        "exact fraction, a hundred poses per ray": (exact, (robot,), count),
+        "exact fraction and gradient": (jax.value_and_grad(exact), (robot,), count),
         "design step": (design_step, (robot, poses), count),
     }
 

@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 if "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ:  # compiling takes most of the time: a quarter of it this way
     os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
     jax.config.update("jax_disable_most_optimizations", True)
+jax.config.update("jax_num_cpu_devices", 8)  # for tests that share out work; the others use the first
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64", "1") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -14,9 +14,9 @@ import jaxscissor as js
 ROOT = pathlib.Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "jaxscissor"
 LEVELS = [
-    {"_vectors", "_pytree", "_fence", "mobility"},
+    {"_vectors", "_pytree", "_fence", "_checkpoint", "mobility"},
     {"_numerics", "_solution", "_trigonometric", "_batching"},
-    {"_spaces", "_newton", "_quartic", "_distinct", "scissor", "scott"},
+    {"_spaces", "_newton", "_quartic", "_sweep", "_distinct", "scissor", "scott"},
     {"mechanisms._contract", "mechanisms._octahedron", "mechanisms._planar_triangle"},
     {"mechanisms._scissor_leg", "mechanisms._scott_leg", "mechanisms._planar_home"},
     {"mechanisms.triple_scissor", "mechanisms.navaro", "mechanisms.tri_scott", "mechanisms.stewart", "_legs"},

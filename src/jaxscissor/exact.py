@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -9,14 +10,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.sharding import Mesh
 
+from jaxscissor._batching import CHUNK
 from jaxscissor._fence import fence
 from jaxscissor._numerics import safe_divide
 from jaxscissor._pytree import as_floats
+from jaxscissor._sweep import Plan, add_up, planned
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Box, Region, Sample
-from jaxscissor.workspace import CHUNK
 
 _PARTS = 8  # samplings whose changes of sign are refined together
 _BLOCK = 512  # places on the rays that are refined at once
@@ -30,7 +33,7 @@ class _Settings(NamedTuple):
     axes: tuple[int, ...]
     cells: int
     part: int  # rays whose margins are sampled together
-    parts: int  # of a chunk of rays
+    differentiated: bool = False
 
 
 class _Rays(NamedTuple):
@@ -43,7 +46,15 @@ class _Rays(NamedTuple):
 
 
 def exact_workspace_fraction(
-    robot: Mechanism, region: Region, *, rays: int = 4096, axes: Sequence[int] = (0,), cells: int = 64, seed: int = 0
+    robot: Mechanism,
+    region: Region,
+    *,
+    rays: int = 4096,
+    axes: Sequence[int] = (0,),
+    cells: int = 64,
+    seed: int = 0,
+    mesh: Mesh | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> jax.Array:
     """Fraction of a region that a robot reaches, with its exact derivative: no smoothing, folds included.
 
@@ -71,6 +82,8 @@ def exact_workspace_fraction(
         first coordinate of a box. The region must have an extent in them.
       cells: cells along each ray.
       seed: shifts the rays, for an independent sample.
+      mesh, checkpoint: as of ``workspace_fraction``; the checkpoint of a gradient is another job than that
+        of the value.
 
     Returns:
       A scalar between 0 and 1. Memory does not grow with the number of rays; map over robots with ``vmap``.
@@ -80,7 +93,8 @@ def exact_workspace_fraction(
       does not move.
 
     Raises:
-      ValueError: a region of poses of another dimension, axes it does not have, fewer than one ray or cell.
+      ValueError: a region of poses of another dimension, axes it does not have, fewer than one ray or cell;
+        a checkpoint of another job, or one under ``jit`` or ``vmap``.
 
     Example:
       >>> import jax, jaxscissor as js
@@ -96,10 +110,11 @@ def exact_workspace_fraction(
     others = region.unit_dimension - 1
     dtype = jax.tree.leaves(region)[0].dtype
     sample = Box(jnp.zeros(others, dtype), jnp.ones(others, dtype)).quasi_random(rays, seed)
-    total = rays * len(axes)
-    part = min(max(CHUNK // cells, 1), total)
-    settings = _Settings(axes, cells, part, min(-(-total // part), _PARTS))
-    return _exact(settings, robot, region, Sample(sample.region, sample.shift, (), 0), jnp.uint32(rays))
+    part = max(CHUNK // cells, 1)
+    plan = planned(rays * len(axes), part * _PARTS, mesh, checkpoint)
+    part = min(part, plan.chunk)
+    plan = plan._replace(chunk=part * -(-plan.chunk // part))
+    return _exact(plan, _Settings(axes, cells, part), robot, region, Sample(sample.region, sample.shift, (), 0))
 
 
 def _check(robot: Mechanism, region: Region, rays: int, axes: tuple[int, ...], cells: int) -> None:
@@ -116,34 +131,29 @@ def _check(robot: Mechanism, region: Region, rays: int, axes: tuple[int, ...], c
         )
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _exact(settings: _Settings, robot, region, sample, rays) -> jax.Array:
-    return _integral(settings, False, robot, region, sample, rays)[0]
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _exact(plan: Plan, settings: _Settings, robot, region, sample) -> jax.Array:
+    job = {"robot": robot, "region": region, "sample": sample}
+    start = jnp.zeros((), jax.tree.leaves(robot)[0].dtype)
+    return add_up(_add_rays, settings, plan, (start, ()), job)[0] / plan.size
 
 
 @_exact.defjvp
-def _exact_jvp(settings, primals, tangents):
-    value, gradient = _integral(settings, True, *primals)
+def _exact_jvp(plan, settings, primals, tangents):
+    """Mean reached length of the rays, and its derivative by the boundary integral."""
+    robot, region, sample = primals
+    job = {"robot": robot, "region": region, "sample": sample}
+    gradient = jax.tree.map(jnp.zeros_like, (robot, region))
+    start = jnp.zeros((), jax.tree.leaves(robot)[0].dtype), gradient
+    value, gradient = add_up(_add_rays, settings._replace(differentiated=True), plan, start, job)
     products = jax.tree.map(lambda g, t: jnp.sum(g * t), gradient, tangents[:2])
-    return value, sum(jax.tree.leaves(products))
+    return value / plan.size, sum(jax.tree.leaves(products)) * (len(settings.axes) / plan.size)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _integral(settings: _Settings, differentiated: bool, robot, region, sample, rays):
-    """Mean reached length of the rays and, if wanted, the boundary integral, chunk by chunk."""
-    dtype, chunk, ways = jax.tree.leaves(robot)[0].dtype, settings.part * settings.parts, len(settings.axes)
-
-    def step(index, totals):
-        numbers = index.astype(jnp.uint32) * jnp.uint32(chunk) + jnp.arange(chunk, dtype=jnp.uint32)
-        counted = numbers < rays * ways
-        lines = fence(jax.vmap(partial(_line, settings.axes, sample))(jnp.where(counted, numbers, 0)))
-        return _chunk(settings, differentiated, (robot, region), lines, counted, totals)
-
-    gradient = jax.tree.map(jnp.zeros_like, (robot, region)) if differentiated else ()
-    chunks = (rays * ways + jnp.uint32(chunk - 1)) // jnp.uint32(chunk)
-    value, gradient = lax.fori_loop(0, chunks.astype(jnp.int32), step, (jnp.zeros((), dtype), gradient))
-    count = rays.astype(dtype)
-    return value / (count * ways), jax.tree.map(lambda total: total / count.astype(total.dtype), gradient)
+def _add_rays(settings: _Settings, totals, numbers, counted, robot, region, sample):
+    """Add the reached lengths of some rays and, if wanted, their part of the boundary integral."""
+    lines = fence(jax.vmap(partial(_line, settings.axes, sample))(numbers))
+    return _chunk(settings, (robot, region), lines, counted, totals)
 
 
 def _line(axes: tuple[int, ...], sample: Sample, number: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -162,7 +172,7 @@ def _margin(design: tuple[Mechanism, Region], start: jax.Array, direction: jax.A
     return reached_margin(robot, region.from_unit(start + point * direction))
 
 
-def _chunk(settings: _Settings, differentiated: bool, design, lines, counted, totals):
+def _chunk(settings: _Settings, design, lines, counted, totals):
     """Add a chunk's reached lengths, and their gradient, to the totals."""
     margins = jax.vmap(_margin, (None, 0, 0, 0))
     rays = _split_at_extrema(partial(margins, design), _sampled(partial(margins, design), lines, settings), counted)
@@ -182,7 +192,7 @@ def _chunk(settings: _Settings, differentiated: bool, design, lines, counted, to
         share = jnp.clip(-safe_divide(left, slope * (beyond - point)), 0, 1)
         crossing = point + share * (beyond - point)
         value, gradient = totals
-        if differentiated:
+        if settings.differentiated:
             steepness2 = jnp.sum(slopes**2 * used_axes[None], axis=1)
             moved = pull(-sign * safe_divide(slope, steepness2))[0]
             gradient = jax.tree.map(jnp.add, gradient, moved)
@@ -201,7 +211,7 @@ def _sampled(judge, lines: tuple[jax.Array, jax.Array], settings: _Settings) -> 
     def sampled(lines):
         return judge(*(jnp.repeat(x, count, axis=0) for x in lines), jnp.tile(grid, settings.part))
 
-    parts = tuple(x.reshape(settings.parts, settings.part, -1) for x in lines)
+    parts = tuple(x.reshape(-1, settings.part, x.shape[1]) for x in lines)
     margins = lax.map(sampled, parts).reshape(rays, count)
     points = jnp.concatenate([points[:, :1], points, points[:, -1:]], axis=1)
     margins = jnp.concatenate([2 * margins[:, :1], margins, 2 * margins[:, -1:]], axis=1)

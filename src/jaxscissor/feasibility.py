@@ -97,7 +97,7 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
 
 def _verdict(leg: Any, case: tuple[Any, Any]) -> tuple[Scalar, Scalar]:
     """Margin and status of one leg, given (attachment, home)."""
-    margin, result = _leg_margin(leg, *case)
+    margin, result = _leg_margin(leg, *case, False)
     return margin, leg_status(leg, case[0], result)
 
 
@@ -119,17 +119,19 @@ def _least_jvp(primals, tangents):
             (other, leg, tangent),
             (margin, case, motion),
         )
-    gradient = fence(jax.grad(lambda c: _leg_margin(*c)[0])(fence(case)))
+    gradient = fence(jax.grad(lambda c: _leg_margin(*c, True)[0])(fence(case)))
     products = jax.tree.leaves(jax.tree.map(lambda g, m: jnp.sum(g * m), gradient, motion))
     return _least(*primals), sum(products[1:], products[0])
 
 
-@jax.jit
-def _leg_margin(leg: Any, attachment: Any, home: Any) -> tuple[Scalar, LegResult]:
+@functools.partial(jax.jit, static_argnums=3)
+def _leg_margin(leg: Any, attachment: Any, home: Any, differentiated: bool) -> tuple[Scalar, LegResult]:
     """Margin of one leg, and its solution."""
     tol = default_tol(jnp.result_type(jax.tree.leaves(attachment)[0]))
     result = solve_leg(leg, attachment, home, guess=None, tol=tol, max_steps=MAX_STEPS)
     joints, edge = _nearest(leg, attachment, result)
+    if differentiated:
+        joints, edge = fence((joints, edge))  # else every one of the derivatives evaluates them anew
     margin = smallest([edge, *leg.margins(joints, attachment)])
     return jnp.where(jnp.isnan(margin), -jnp.inf, margin), result
 

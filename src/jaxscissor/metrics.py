@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._batching import CHUNK
 from jaxscissor._legs import place
 from jaxscissor._numerics import safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
@@ -17,7 +18,6 @@ from jaxscissor.feasibility import reached_margin
 from jaxscissor.kinematics import inverse_kinematics
 from jaxscissor.mechanisms._contract import Mechanism, split_joints
 from jaxscissor.singularity import singularity
-from jaxscissor.workspace import CHUNK
 
 Quantity = Callable[[Mechanism, jax.Array], jax.Array]  # (robot, pose) -> () or (k,), nan where it is not defined
 

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import os
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.core import Tracer
+from jax.sharding import Mesh
 
-from jaxscissor._batching import CHUNK
 from jaxscissor._fence import fence
 from jaxscissor._pytree import as_floats, float_dtype, pytree
+from jaxscissor._sweep import Plan, add_up, planned
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Sample
-
-_BLOCK = 64  # chunks between two steps of the progress bar
 
 
 @pytree
@@ -35,7 +33,14 @@ class _Listed:
         return self.array[indices]
 
 
-def workspace_fraction(robot: Mechanism, poses: Any, *, chunk_size: int | None = None) -> jax.Array:
+def workspace_fraction(
+    robot: Mechanism,
+    poses: Any,
+    *,
+    chunk_size: int | None = None,
+    mesh: Mesh | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+) -> jax.Array:
     """Fraction of poses that the robot reaches in its home mode within all limits.
 
     Args:
@@ -43,13 +48,18 @@ def workspace_fraction(robot: Mechanism, poses: Any, *, chunk_size: int | None =
         ``soft_workspace_fraction``.
       poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk so that memory
         does not grow with their number.
-      chunk_size: poses evaluated together.
+      chunk_size: poses evaluated together; for a batch of robots (``vmap``) divide it by their number.
+      mesh: every device of it works chunks of its own, on many hosts too, and the counts are added up at
+        the end. All processes call with the same arguments. Stored poses are copied to every device.
+      checkpoint: path of an ``.npz`` file, replaced after every block of 64 chunks per device. A job that
+        was stopped goes on from there when called again; a finished one is read.
 
     Returns:
       The fraction, a scalar. Poses that are not finite count as not reached.
 
     Raises:
-      ValueError: poses of the wrong shape, or none.
+      ValueError: poses of the wrong shape, or none; a checkpoint of another robot, sample or chunk size, or
+        one under ``jit`` or ``vmap``.
 
     Example:
       >>> import jaxscissor as js
@@ -59,17 +69,19 @@ def workspace_fraction(robot: Mechanism, poses: Any, *, chunk_size: int | None =
       0.29
     """
     robot, sample = _checked(robot, poses)
-    chunk = min(chunk_size or CHUNK, len(sample))
-    chunks = math.ceil(len(sample) / chunk)
-    blocks = [(0, chunks)] if _is_traced(robot, sample) else _blocks(chunks)
-    size, reached, sizeless = jnp.uint32(len(sample)), jnp.uint32(0), _without_size(sample)
-    for first, last in _progress(blocks):
-        reached = reached + _count(robot, sizeless, size, jnp.uint32(first), jnp.uint32(last), chunk)
+    plan = planned(len(sample), chunk_size, mesh, checkpoint)
+    reached = add_up(_count, None, plan, jnp.uint32(0), {"robot": robot, "sample": _without_size(sample)})
     return reached.astype(float_dtype(robot)) / len(sample)
 
 
 def soft_workspace_fraction(
-    robot: Mechanism, poses: Any, *, sharpness: Any = 200.0, chunk_size: int | None = None
+    robot: Mechanism,
+    poses: Any,
+    *,
+    sharpness: Any = 200.0,
+    chunk_size: int | None = None,
+    mesh: Mesh | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> jax.Array:
     """Differentiable fraction: the mean of sigmoid(sharpness * margin) over the poses.
 
@@ -85,13 +97,14 @@ def soft_workspace_fraction(
       robot: the robot; every array in it is differentiable, twice in forward over reverse mode.
       poses: ``(n, d)`` poses, or a sample of a region.
       sharpness: inverse width of the boundary layer in units of the margin, dimensionless.
-      chunk_size: poses evaluated together.
+      chunk_size, mesh, checkpoint: as of ``workspace_fraction``. The checkpoint of a gradient is another
+        job than that of the value.
 
     Returns:
       A scalar between 0 and 1.
 
     Raises:
-      ValueError: poses of the wrong shape, or none.
+      ValueError: as of ``workspace_fraction``.
 
     Example:
       >>> import jax, jaxscissor as js
@@ -102,10 +115,9 @@ def soft_workspace_fraction(
       True
     """
     robot, sample = _checked(robot, poses)
-    chunk = min(chunk_size or CHUNK, len(sample))
-    size = jnp.uint32(len(sample))
+    plan = planned(len(sample), chunk_size, mesh, checkpoint)
     sharpness = jnp.asarray(sharpness, float_dtype(robot))
-    return _soft(chunk, robot, lax.stop_gradient(_without_size(sample)), size, lax.stop_gradient(sharpness))
+    return _soft(plan, robot, lax.stop_gradient(_without_size(sample)), lax.stop_gradient(sharpness))
 
 
 def _checked(robot: Mechanism, poses: Any) -> tuple[Any, Any]:
@@ -128,82 +140,40 @@ def _without_size(sample: Any) -> Any:
     return sample
 
 
-def _is_traced(*trees: Any) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
-
-
-def _blocks(chunks: int) -> list[tuple[int, int]]:
-    return [(first, min(first + _BLOCK, chunks)) for first in range(0, chunks, _BLOCK)]
-
-
-def _progress(blocks: list[Any]) -> Iterable[Any]:
-    """The blocks, with a progress bar if there are several and tqdm is installed."""
-    if len(blocks) == 1:
-        return blocks
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return blocks
-    return tqdm(blocks, desc="workspace", unit="block", disable=None)
-
-
-def _chunk_poses(sample: Any, index: jax.Array, chunk: int, size: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Poses of chunk number ``index`` and which of them count, the last chunk being filled up."""
-    numbers = index * jnp.uint32(chunk) + jnp.arange(chunk, dtype=jnp.uint32)
-    counted = numbers < size
-    return fence(sample.poses(jnp.where(counted, numbers, 0))), counted
-
-
-@partial(jax.jit, static_argnums=5)
-def _count(robot, sample, size, first, last, chunk: int) -> jax.Array:
-    def step(index, total):
-        poses, counted = _chunk_poses(sample, index, chunk, size)
-        reached = jax.vmap(lambda pose: reached_margin(robot, pose) >= 0)(poses)
-        return total + jnp.sum(reached & counted, dtype=jnp.uint32)
-
-    return lax.fori_loop(first, last, step, jnp.uint32(0))
+def _count(_, total, numbers, counted, robot, sample) -> jax.Array:
+    reached = jax.vmap(lambda pose: reached_margin(robot, pose) >= 0)(fence(sample.poses(numbers)))
+    return total + jnp.sum(reached & counted, dtype=jnp.uint32)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _soft(chunk: int, robot, sample, size, sharpness) -> jax.Array:
-    return _soft_value(chunk, robot, sample, size, sharpness)
-
-
-@partial(jax.jit, static_argnums=0)
-def _soft_value(chunk: int, robot, sample, size, sharpness) -> jax.Array:
-    def step(index, total):
-        return total + _soft_chunk(robot, sample, size, sharpness, index, chunk)
-
-    return lax.fori_loop(0, _chunk_count(size, chunk), step, jnp.zeros_like(sharpness)) / size.astype(sharpness.dtype)
+def _soft(plan: Plan, robot, sample, sharpness) -> jax.Array:
+    job = {"robot": robot, "sample": sample, "sharpness": sharpness}
+    return add_up(_add_soft, None, plan, jnp.zeros_like(sharpness), job) / plan.size
 
 
 @_soft.defjvp
-def _soft_jvp(chunk, primals, tangents):
-    value, gradient = _soft_gradient(chunk, *primals)
-    products = jax.tree.map(lambda g, t: jnp.sum(g * t), gradient, tangents[0])
-    return value, sum(jax.tree.leaves(products))
-
-
-@partial(jax.jit, static_argnums=0)
-def _soft_gradient(chunk: int, robot, sample, size, sharpness):
-    """Value and gradient with the reverse pass inside each chunk: nothing is kept between chunks."""
-
-    def step(index, totals):
-        part = jax.value_and_grad(_soft_chunk)(robot, sample, size, sharpness, index, chunk)
-        return jax.tree.map(jnp.add, totals, part)
-
+def _soft_jvp(plan, primals, tangents):
+    """Value and derivative with the reverse pass inside each chunk: nothing is kept between chunks."""
+    robot, sample, sharpness = primals
     start = (jnp.zeros_like(sharpness), jax.tree.map(jnp.zeros_like, robot))
-    totals = lax.fori_loop(0, _chunk_count(size, chunk), step, start)
-    return jax.tree.map(lambda total: total / size.astype(total.dtype), totals)
+    job = {"robot": robot, "sample": sample, "sharpness": sharpness}
+    value, gradient = add_up(_add_soft_gradient, None, plan, start, job)
+    products = jax.tree.map(lambda g, t: jnp.sum(g * t), gradient, tangents[0])
+    return value / plan.size, sum(jax.tree.leaves(products)) / plan.size
 
 
-def _chunk_count(size: jax.Array, chunk: int) -> jax.Array:
-    return ((size + jnp.uint32(chunk - 1)) // jnp.uint32(chunk)).astype(jnp.int32)
+def _add_soft(_, total, *case, robot, sample, sharpness) -> jax.Array:
+    return total + _soft_sum(robot, sample, sharpness, *case)
 
 
-def _soft_chunk(robot, sample, size, sharpness, index, chunk: int) -> jax.Array:
-    poses, counted = _chunk_poses(sample, index.astype(jnp.uint32), chunk, size)
-    soft = jax.vmap(lambda pose: _smooth_step(sharpness * reached_margin(robot, pose)))(poses)
+def _add_soft_gradient(_, totals, *case, robot, sample, sharpness):
+    return jax.tree.map(jnp.add, totals, jax.value_and_grad(_soft_sum)(robot, sample, sharpness, *case))
+
+
+def _soft_sum(robot, sample, sharpness, numbers, counted) -> jax.Array:
+    poses = fence(sample.poses(numbers))
+    margins = fence(jax.vmap(lambda pose: reached_margin(robot, pose))(poses))
+    soft = _smooth_step(sharpness * margins)
     return jnp.sum(jnp.where(counted, soft, 0))
 
 

@@ -1,0 +1,167 @@
+"""Sums over a mesh of devices, over processes, and over jobs that are stopped and resumed."""
+
+import json
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxscissor as js
+from tests.toys import Planar3RPR
+
+ROOT = pathlib.Path(__file__).parents[1]
+REGION = js.Box([0.0, 0.0, -0.3], [0.9, 0.8, 0.3])
+SAMPLE = REGION.quasi_random(5001)
+NAMES = ["fraction", "fraction per metre of radius", "fractions of four designs"]  # as the example prints them
+FUNCTIONS = {
+    "hard": partial(js.workspace_fraction, poses=SAMPLE, chunk_size=128),
+    "soft": partial(js.soft_workspace_fraction, poses=SAMPLE, chunk_size=128),
+    "exact": partial(js.exact_workspace_fraction, region=REGION, rays=300, axes=(0, 1), cells=16),
+}
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    """All virtual devices, by axes of any names and of the types that JAX gives by default."""
+    if jax.device_count() < 8:
+        pytest.skip("needs 8 devices")
+    return jax.make_mesh((4, 2), ("hosts", "devices"))
+
+
+def agree(one, other):
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("function", FUNCTIONS.values(), ids=FUNCTIONS)
+def test_many_devices_give_what_one_gives(function, mesh):
+    robot = Planar3RPR.example()
+    agree(*(jax.value_and_grad(function)(robot, mesh=devices) for devices in (None, mesh)))
+
+
+@pytest.mark.parametrize("function", [FUNCTIONS["hard"], jax.grad(FUNCTIONS["soft"])], ids=["hard", "gradient"])
+def test_a_batch_of_designs_is_shared_out_alike(function, mesh):
+    designs = jax.vmap(lambda s: jax.tree.map(lambda x: s * x, Planar3RPR.example()))(jnp.array([1.0, 1.1, 1.2]))
+    one, many = (jax.vmap(partial(function, mesh=devices))(designs) for devices in (None, mesh))
+    agree(one, many)
+    assert all(jnp.ptp(leaf) > 0.01 for leaf in jax.tree.leaves(one))
+
+
+@pytest.mark.parametrize("name", ["hard", "designs", "soft", "exact"])
+def test_the_only_communication_is_one_sum(name, mesh):
+    robot = Planar3RPR.example()
+    programs = {name: jax.value_and_grad(partial(function, mesh=mesh)) for name, function in FUNCTIONS.items()}
+    programs["designs"] = jax.vmap(partial(FUNCTIONS["hard"], mesh=mesh))
+    argument = jax.tree.map(lambda x: jnp.stack([x, x]), robot) if name == "designs" else robot
+    text = jax.jit(programs[name]).lower(argument).compile().as_text()
+    collectives = r"\b(all-reduce|all-gather|all-to-all|reduce-scatter|collective-\w+|send|recv)(?:-start)?\("
+    assert re.findall(collectives, text) == ["all-reduce"]
+
+
+def test_stored_poses_and_few_of_them_are_shared_out_too(mesh):
+    robot = Planar3RPR.example()
+    for count in (3, 5001):
+        poses = SAMPLE[:count]
+        assert js.workspace_fraction(robot, poses) == js.workspace_fraction(robot, poses, mesh=mesh)
+
+
+def test_a_mesh_in_use_may_be_given(mesh):
+    robot = Planar3RPR.example()
+    with jax.set_mesh(mesh):
+        shared = js.workspace_fraction(robot, SAMPLE, mesh=mesh)
+    assert shared == js.workspace_fraction(robot, SAMPLE)
+
+
+def test_two_processes_give_what_one_device_gives():
+    command = [sys.executable, ROOT / "examples" / "many_devices.py", "--small", "--devices", "4", "--processes", "2"]
+    text = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout
+    assert "4 devices, 2 processes" in text
+    fraction, slope, designs = (json.loads(re.search(rf"^{name} .* s  (.*)$", text, re.M)[1]) for name in NAMES)
+    robot = js.TripleScissorExtender.prototype()
+    sample = js.Cylinder(robot.length / 2, robot.length).quasi_random(100_000)
+    gradient = jax.grad(js.soft_workspace_fraction)(robot, sample)
+    agree((fraction, slope), (js.workspace_fraction(robot, sample), gradient.actuator_radius))
+    assert len(designs) == 4 and sorted(designs) == designs
+
+
+JOB = """
+import sys, jax
+jax.config.update("jax_enable_x64", True)
+from tests import test_sweep
+from tests.toys import Planar3RPR
+out = test_sweep.long_job(sys.argv[1])(Planar3RPR.example(), checkpoint=sys.argv[2])
+print([x.tobytes().hex() for x in map(jax.device_get, jax.tree.leaves(out))])
+"""
+
+
+def long_job(name):
+    """More than a hundred blocks."""
+    hard, soft = js.workspace_fraction, jax.value_and_grad(js.soft_workspace_fraction)
+    return partial(hard if name == "hard" else soft, poses=REGION.quasi_random(200_000), chunk_size=20)
+
+
+@pytest.mark.parametrize("name", ["hard", "gradient"])
+def test_a_job_killed_in_the_middle_ends_with_the_identical_result(name, tmp_path):
+    def start(path):
+        return subprocess.Popen([sys.executable, "-c", JOB, name, path], stdout=subprocess.PIPE, cwd=ROOT, text=True)
+
+    undisturbed, path = start(tmp_path / "undisturbed.npz"), tmp_path / "killed.npz"
+    expected = undisturbed.communicate(timeout=300)[0]
+    for least in (1, 500):
+        job = start(path)
+        while not path.exists() or np.load(path)["done"] < least:
+            assert job.poll() is None
+            time.sleep(0.002)
+        job.send_signal(signal.SIGKILL)
+        job.communicate()
+    with np.load(path) as killed, np.load(tmp_path / "undisturbed.npz") as whole:
+        assert 500 <= killed["done"] < whole["done"]
+    resumed = start(path).communicate(timeout=300)[0]
+    assert resumed == expected and len(expected) > 10
+    with np.load(path) as resumed, np.load(tmp_path / "undisturbed.npz") as whole:
+        assert resumed["done"] == whole["done"]
+
+
+def test_a_checkpoint_is_of_one_job_only(tmp_path):
+    robot, path = Planar3RPR.example(), tmp_path / "job.npz"
+    first = js.workspace_fraction(robot, SAMPLE, checkpoint=path)
+    assert js.workspace_fraction(robot, SAMPLE, checkpoint=path) == first
+    wider = jax.tree.map(lambda x: 1.1 * x, robot)
+    others = {
+        "robot": lambda: js.workspace_fraction(wider, SAMPLE, checkpoint=path),
+        "sample": lambda: js.workspace_fraction(robot, REGION.quasi_random(5001, seed=1), checkpoint=path),
+        "size": lambda: js.workspace_fraction(robot, REGION.quasi_random(5002), chunk_size=5001, checkpoint=path),
+        "chunk": lambda: js.workspace_fraction(robot, SAMPLE, chunk_size=77, checkpoint=path),
+        "function": lambda: js.soft_workspace_fraction(robot, SAMPLE, checkpoint=path),
+    }
+    for name, other in others.items():
+        with pytest.raises(ValueError, match=f"a job with another .*{name}"):
+            other()
+    with pytest.raises(ValueError, match="inside jit or vmap"):
+        jax.jit(partial(js.workspace_fraction, poses=SAMPLE, checkpoint=path))(robot)
+    for content in (b"", b"notes", path.read_bytes()[:100]):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="no checkpoint"):
+            js.workspace_fraction(robot, SAMPLE, checkpoint=path)
+
+
+def test_a_checkpoint_resumes_on_another_number_of_devices(tmp_path, mesh):
+    robot, path = Planar3RPR.example(), tmp_path / "job.npz"
+    few = partial(js.soft_workspace_fraction, robot, SAMPLE, chunk_size=128)
+    agree(few(checkpoint=path), few(checkpoint=path, mesh=mesh))
+
+
+def test_blocks_and_progress_change_no_result(monkeypatch):
+    robot = Planar3RPR.example()
+    whole = {name: jax.value_and_grad(function)(robot) for name, function in FUNCTIONS.items()}
+    monkeypatch.setattr("jaxscissor._sweep._BLOCK", 2)
+    for name, function in FUNCTIONS.items():
+        agree(whole[name], jax.value_and_grad(function)(robot))
