@@ -160,7 +160,7 @@ def workspace(robot: Mechanism, poses: Any, *, ax: Any = None, unit: str = "m", 
     return ax
 
 
-def workspaceslice_of(
+def workspace_slice(
     robot: Mechanism,
     pose: Any,
     axes: tuple[str, str] = ("x", "z"),
