@@ -198,3 +198,22 @@ def test_a_singular_surface_is_drawn_in_its_box():
     assert ax.get_zlim() == (-1, 1) and np.ptp(surface.get_facecolor()[:, 0]) >= 0
     empty = js.plot.singular_surface(robot, js.Box([40.0, 20.0, 0.5], [50.0, 30.0, 0.7]), shape=(2, 2, 2))
     assert not empty.collections
+
+
+def test_frames_of_an_animation_show_the_path_within_one_frame(tmp_path):
+    robot = js.NavaroII.prototype(6)
+    path = np.linspace([30.0, 20.0, 0.3], [55.0, 35.0, -0.2], 4)
+    moving = js.plot.animate(robot, path)
+    ax, limits = moving._fig.axes[0], []
+    for number, pose in enumerate(path):
+        moving._draw_frame(number)
+        (plate,) = drawn(ax, "black")
+        assert np.abs(plate[:-1] - attached(robot, pose)).max() < 1e-9
+        limits.append((*ax.get_xlim(), *ax.get_ylim()))
+    assert np.ptp(limits, axis=0).max() == 0
+    moving.save(tmp_path / "path.gif", writer="pillow")
+    assert (tmp_path / "path.gif").stat().st_size > 1000
+    with pytest.raises(ValueError, match="expected"):
+        js.plot.animate(robot, path[0])
+    with pytest.raises(ValueError, match="does not reach"):
+        js.plot.animate(js.TripleScissorExtender.prototype(), np.eye(6)[2:3] * 10)

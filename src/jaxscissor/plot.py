@@ -21,6 +21,7 @@ from jaxscissor.kinematics import inverse_kinematics
 from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, split_joints
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.axes import Axes
 
 _LEG_COLORS = ("#1b2a49", "#2f7f93", "#c98a1b", "#7a3b69", "#4f8a4f", "#a05a4a")
@@ -77,6 +78,54 @@ def robot(robot: Mechanism, pose: Any = None, *, joints: Any = None, ax: Any = N
             _segments(ax, _fitted(closed[None], size), marker="o", **style)
     _finish(ax, "xyz"[:size], unit)
     return ax
+
+
+def animate(
+    robot: Mechanism, poses: Any, *, joints: Any = None, ax: Any = None, unit: str = "m", interval: float = 40.0
+) -> FuncAnimation:
+    """Move a robot along a path, a pose per frame, within the limits that hold all of them.
+
+    Args:
+      robot: the robot.
+      poses: ``(n, d)`` poses, in order.
+      joints: ``(n, joints)``; default: by inverse kinematics.
+      ax: axes to draw on, three-dimensional for spatial robots; default: new ones.
+      unit: of length, for the labels.
+      interval: milliseconds between two frames.
+
+    Returns:
+      The animation: ``.save("path.gif")``, or ``.to_jshtml()`` in a notebook. Keep a reference while it plays.
+
+    Raises:
+      ValueError: wrong shapes, no poses, or a pose that the home mode does not reach while no joints are given.
+    """
+    from matplotlib.animation import FuncAnimation
+
+    poses = jnp.asarray(poses)
+    if poses.ndim != 2 or not len(poses) or (joints is not None and len(joints) != len(poses)):
+        raise ValueError(f"Got poses of shape {poses.shape}; expected (n, d), at least one, and as many joints if any.")
+    ax = new_axes(ax, spatial=robot.space.translations == 3)
+    names = "xyz" if ax.name == "3d" else "xy"
+
+    def draw(number):
+        ax.clear()
+        _picture(robot, poses[number], joints=None if joints is None else joints[number], ax=ax, unit=unit)
+        return [getattr(ax, f"get_{name}lim")() for name in names]
+
+    limits = np.array([draw(number) for number in range(len(poses))])
+    lows, highs = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
+
+    def frame(number):
+        draw(number)
+        for name, low, high in zip(names, lows, highs, strict=True):
+            getattr(ax, f"set_{name}lim")(low, high)
+        ax.set_aspect("equal")
+        return ax.lines
+
+    return FuncAnimation(ax.figure, frame, frames=len(poses), interval=interval)
+
+
+_picture = robot  # a function that takes a robot of this name
 
 
 class _Drawing(NamedTuple):
