@@ -95,3 +95,23 @@ def test_bound_poses_and_wrong_shapes_are_refused():
         js.clearance(ThreePRS.example(), ThreePRS.example().home()[0])
     with pytest.raises(ValueError, match="expected a twist"):
         js.clearance_along(js.NavaroII.prototype(), jnp.zeros(3), jnp.zeros(6))
+
+
+def test_measures_have_finite_derivatives_up_to_the_locus_and_those_of_differences_before(case):
+    robot, pose, _ = case
+    sizes = jnp.where(jnp.arange(pose.shape[0]) < robot.space.translations, robot.length, 1)
+    pose = pose + 0.01 * sizes * jnp.cos(jnp.arange(1.0, pose.shape[0] + 1))  # where no two gear ratios are alike
+    end = js.clearance_along(robot, pose, jnp.eye(pose.shape[0])[2]).pose  # up, or turning
+
+    def measures(pose):
+        found, gears = js.singularity(robot, pose), js.gear_ratios(robot, pose)
+        return jnp.concatenate([found.type1, found.type2[None], gears.translation, gears.rotation])
+
+    left = jnp.asarray([0.5, 1e-1, 1e-2, 1e-4, 1e-6])[:, None]
+    poses = pose[None] + (1 - left) * (end - pose)[None]
+    values, slopes = (jax.jit(jax.vmap(f)) for f in (measures, jax.jacfwd(measures)))
+    assert jnp.isfinite(values(poses)).all() and jnp.isfinite(slopes(poses)).all()
+    step = 1e-6 * sizes
+    ahead, behind = (values(poses[:1] + sign * jnp.diag(step)) for sign in (1, -1))
+    differences = ((ahead - behind) / (2 * step[:, None])).T
+    np.testing.assert_allclose(slopes(poses[:1])[0], differences, rtol=1e-6, atol=1e-6 * np.abs(differences).max())
