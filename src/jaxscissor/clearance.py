@@ -73,6 +73,7 @@ def clearance_along(
 
     The joints are followed in steps, so that a working mode other than home's is kept, and the end of the
     way is narrowed down by bisection. Two singularities of one kind closer than a step can be missed.
+    Limits of the joints are no singularities: a walk goes on beyond them.
 
     Args:
       robot: the robot.
@@ -120,7 +121,7 @@ def clearance(
     Walks along evenly spread directions find the singularities around; from the nearest the walk is turned
     towards the normal of the locus until both agree, the condition of a nearest point. The answer is the
     end of a walk that is regular as far as it goes and meets a singularity there; a singularity that only a
-    narrow cone of directions meets can be missed.
+    narrow cone of directions meets can be missed. Limits of the joints do not count, and may be nearer.
 
     Args:
       robot: the robot.
