@@ -8,6 +8,7 @@ import optax
 import pytest
 
 import jaxscissor as js
+from jaxscissor import design
 
 
 def test_a_bounded_minimum_is_found_at_the_bound_and_inside():
@@ -58,6 +59,10 @@ def test_failures_are_named():
             js.optimize_design(lambda x: x, 0.5, bounds=bounds, steps=5)
     with pytest.raises(ValueError, match="at least one"):
         js.optimize_design(lambda x: x, 0.5, bounds=(0.0, 1.0), steps=0)
+    with pytest.raises(ValueError, match="expected poses"):
+        js.optimize_design(lambda x: x, 0.5, bounds=(0.0, 1.0), steps=5, batch_size=3)
+    with pytest.raises(ValueError, match="cannot be compared"):
+        js.optimize_design(lambda x: x, 0.5, bounds=(0.0, 1.0), steps=5, poses=[[1.0]], batch_size=1, tolerance=0.1)
     with pytest.raises(ValueError, match="structure"):
         js.optimize_design(lambda x: x["a"], {"a": 0.5}, bounds=(0.0, 1.0), steps=5)
 
@@ -101,3 +106,136 @@ def test_gradient_history_is_reproducible():
     runs = [js.optimize_design(lambda x: (x - 0.2) ** 2, 0.9, bounds=(0.0, 1.0), steps=20, starts=3) for _ in range(2)]
     assert (runs[0].history.objective == runs[1].history.objective).all()
     assert jax.tree.structure(runs[0]) == jax.tree.structure(runs[1])
+
+
+def valley(p):
+    """Rosenbrock's function: its minimum, 0 at (1, 1), lies at the end of a bent valley."""
+    return (1 - p[0]) ** 2 + 10 * (p[1] - p[0] ** 2) ** 2
+
+
+def test_lbfgs_follows_a_bent_valley_and_stops_when_it_has_settled():
+    result = js.optimize_design(
+        valley,
+        jnp.array([-0.8, 0.9]),
+        bounds=(-2 * jnp.ones(2), 2 * jnp.ones(2)),
+        steps=300,
+        optimizer=optax.lbfgs(),
+        starts=3,
+        tolerance=1e-12,
+    )
+    assert np.abs(result.params - 1).max() < 1e-6
+    assert result.reason is js.StopReason.SETTLED and len(result.history.objective) < 300
+    assert float(result.prices.rest) < 1e-5
+
+
+def test_lbfgs_slides_along_a_bound():
+    result = js.optimize_design(
+        valley, jnp.array([-0.8, 0.9]), bounds=(-jnp.ones(2), jnp.array([0.5, 1.0])), steps=40, optimizer=optax.lbfgs()
+    )
+    np.testing.assert_allclose(result.params, [0.5, 0.25], atol=1e-7)
+    np.testing.assert_allclose(result.prices.high, [1.0, 0.0], atol=1e-5)  # 2 (1 - x), at the valley's floor
+
+
+def test_prices_are_the_derivatives_of_the_optimum():
+    """min x + 2 y with y >= 1/(4 x) and x <= 1/4: y = 1, and its price is 2; dy/dx = -4, so that of x is 8 - 1."""
+
+    def best(loosened, edge):
+        return js.optimize_design(
+            lambda p: p[0] + 2 * p[1],
+            jnp.array([0.2, 1.9]),
+            bounds=(jnp.array([0.01, 0.0]), jnp.array([edge, 2.0])),
+            constraints=[lambda p: p[1] - 0.25 / p[0] + loosened],
+            steps=400,
+            optimizer=optax.lbfgs(),
+        )
+
+    result, loosened, widened = best(0.0, 0.25), best(0.01, 0.25), best(0.0, 0.26)
+    np.testing.assert_allclose(result.params, [0.25, 1.0], atol=1e-4)
+    assert float(result.prices.constraints[0]) == pytest.approx(2, rel=1e-3)
+    assert float(result.prices.high[0]) == pytest.approx(7, rel=1e-3)
+    objective = [float(r.starts.objective[0]) for r in (result, loosened, widened)]
+    assert objective[0] - objective[1] == pytest.approx(0.01 * 2, rel=0.02)
+    assert objective[0] - objective[2] == pytest.approx(0.01 * 7, rel=0.1)
+
+
+def test_batches_tune_what_the_whole_sample_measures():
+    robot = js.NavaroII.prototype()
+    sample = js.Box([0.0, 0.0, 0.0], [90.0, 80.0, 0.0]).quasi_random(1000)
+
+    def tuned(batch_size):
+        return js.optimize_design(
+            lambda robot, poses: -js.soft_workspace_fraction(robot, poses, sharpness=20.0),
+            jnp.array(0.8),
+            build=lambda size: js.NavaroII(robot.base, size * robot.platform, robot.stroke, mode=8),
+            bounds=(jnp.array(0.5), jnp.array(1.5)),
+            steps=40,
+            poses=sample,
+            batch_size=batch_size,
+        )
+
+    whole, batches = tuned(None), tuned(100)
+    assert float(batches.starts.objective[0]) == pytest.approx(
+        -float(js.soft_workspace_fraction(batches.robot, sample, sharpness=20.0)), rel=1e-12
+    )
+    assert float(whole.starts.objective[0]) <= float(batches.starts.objective[0]) + 1e-9
+    assert float(batches.starts.objective[0]) == pytest.approx(float(whole.starts.objective[0]), abs=2e-3)
+    assert batches.status is js.DesignStatus.IMPROVED
+
+
+class Stopped(Exception):
+    pass
+
+
+@pytest.mark.parametrize("optimizer", [None, optax.lbfgs()], ids=["adam", "lbfgs"])
+def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(optimizer, tmp_path, monkeypatch):
+    def tuned(**options):
+        return js.optimize_design(
+            valley,
+            jnp.array([-0.8, 0.9]),
+            bounds=(-2 * jnp.ones(2), 2 * jnp.ones(2)),
+            constraints=[lambda p: 1.5 - p[0] - p[1]],
+            steps=35,
+            starts=2,
+            optimizer=optimizer,
+            **options,
+        )
+
+    path, save, calls = tmp_path / "design.npz", design.save, []
+
+    def save_twice(*args):
+        save(*args)
+        calls.append(args)
+        if len(calls) == 2:
+            raise Stopped
+
+    monkeypatch.setattr(design, "save", save_twice)
+    with pytest.raises(Stopped):
+        tuned(checkpoint=path)
+    resumed = tuned(checkpoint=path)
+    assert len(calls) == 4
+    finished = tuned(checkpoint=path)
+    assert len(calls) == 4
+    for other in (resumed, finished):
+        for a, b in zip(jax.tree.leaves(tuned()), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(a, b)
+    with pytest.raises(ValueError, match="checkpoint of a job with another objective"):
+        js.optimize_design(
+            lambda p: 2 * valley(p),
+            jnp.array([-0.8, 0.9]),
+            bounds=(-2 * jnp.ones(2), 2 * jnp.ones(2)),
+            constraints=[lambda p: 1.5 - p[0] - p[1]],
+            steps=35,
+            starts=2,
+            optimizer=optimizer,
+            checkpoint=path,
+        )
+
+
+def test_a_certificate_compares_on_what_the_tuning_did_not_see():
+    result = js.optimize_design(valley, jnp.array([-0.8, 0.9]), bounds=(-jnp.ones(2), jnp.ones(2)), steps=50)
+    seen = result.certify(lambda p: jnp.abs(p[0] - 1), [lambda p: p - 0.5, lambda p: 2 - p[1]])
+    assert float(seen.before) == pytest.approx(1.8)
+    assert float(seen.slack_before) == pytest.approx(-1.3)
+    assert float(seen.after) == pytest.approx(1 - float(result.params[0]))
+    assert float(seen.slack_after) == pytest.approx(float(jnp.min(result.params) - 0.5))
+    assert float(seen.improvement) == pytest.approx(float(seen.before - seen.after))

@@ -24,8 +24,8 @@ LEVELS = [
     {"kinematics", "assembly", "constraints"},
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions", "encumbrance"},
-    {"workspace", "design", "extremes", "loci", "clearance"},
-    {"exact", "metrics", "aspects", "_slices"},
+    {"workspace", "_descent", "extremes", "loci", "clearance"},
+    {"exact", "metrics", "aspects", "_slices", "design"},
     {"modes", "_singularity_pictures"},
     {"plot"},
 ]

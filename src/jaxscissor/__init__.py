@@ -30,7 +30,9 @@ from jaxscissor.clearance import Clearance as Clearance
 from jaxscissor.clearance import clearance as clearance
 from jaxscissor.clearance import clearance_along as clearance_along
 from jaxscissor.constraints import constrained_pose as constrained_pose
+from jaxscissor.design import DesignResult as DesignResult
 from jaxscissor.design import DesignStatus as DesignStatus
+from jaxscissor.design import StopReason as StopReason
 from jaxscissor.design import optimize_design as optimize_design
 from jaxscissor.dexterity import gear_ratios as gear_ratios
 from jaxscissor.dexterity import height_amplification as height_amplification

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+import os
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxscissor._checkpoint import restore, save
+from jaxscissor._descent import (
+    ALLOWED,
+    PERIOD,
+    Descent,
+    Seen,
+    Sight,
+    Step,
+    begun,
+    held_back,
+    slacks_of,
+    start_units,
+    stepper,
+)
 from jaxscissor._pytree import as_floats, pytree, static
+from jaxscissor.regions import Sample
 
 if TYPE_CHECKING:
     import optax
-
-_PENALTY = 20.0  # weight of a squared violation, for objectives and constraints of order one
-_PERIOD = 10  # steps between two updates of the multipliers
-_ALLOWED = 1e-3  # violation that the best design may have
 
 
 class DesignStatus(enum.IntEnum):
@@ -27,6 +41,13 @@ class DesignStatus(enum.IntEnum):
     NOT_IMPROVED = 1
     INFEASIBLE = 2
     NONFINITE = 3
+
+
+class StopReason(enum.IntEnum):
+    """Why an optimization took no further step."""
+
+    STEPS = 0
+    SETTLED = 1
 
 
 @pytree
@@ -52,27 +73,83 @@ class History:
 
 
 @pytree
+class Prices:
+    """What holds a design back: by how much its objective would fall per unit of everything that binds it.
+
+    Attributes:
+      constraints: ``(constraints,)`` per unit by which a constraint is loosened, one for every entry.
+      low, high: like the parameters, per unit by which a bound is moved outward; zero where it is not reached.
+      rest: largest slope, per width of the bounds, that no constraint and no bound explains; zero at a
+        minimum, so it says how far the other prices can be trusted.
+    """
+
+    constraints: jax.Array
+    low: Any
+    high: Any
+    rest: jax.Array
+
+
+@pytree
+class Certificate:
+    """Metric and least slack of the constraints, before and after, on poses that the tuning did not see."""
+
+    before: jax.Array
+    after: jax.Array
+    slack_before: jax.Array
+    slack_after: jax.Array
+
+    @property
+    def improvement(self) -> jax.Array:
+        """By how much the metric fell."""
+        return self.before - self.after
+
+
+@pytree
 class DesignResult:
     """Result of ``optimize_design``.
 
     Attributes:
       params: parameters of the best design.
       robot: what was built of them.
+      initial: what was built of the parameters given.
       history: ``History`` of all starts.
       starts: ``Starts``, the best of each.
+      prices: ``Prices``, which constraints and bounds hold the design back.
       status: ``IMPROVED``; ``NOT_IMPROVED`` on the parameters given; ``INFEASIBLE`` if no design kept the
         constraints; ``NONFINITE`` if no start had a finite objective.
+      reason: ``STEPS`` if all were taken, ``SETTLED`` if the objective no longer fell.
     """
 
     params: Any
     robot: Any
+    initial: Any
     history: History
     starts: Starts
+    prices: Prices
     status: DesignStatus = static()
+    reason: StopReason = static()
+
+    def certify(
+        self, metric: Callable[[Any], Any], constraints: Sequence[Callable[[Any], Any]] = ()
+    ) -> Certificate:
+        """Compare the robot with the initial one by a metric, a hard one on a dense sample of its own.
+
+        Args:
+          metric: of a robot, smaller is better.
+          constraints: functions of a robot, satisfied where every entry is >= 0.
+
+        Example:
+          >>> result = optimize_design(lambda x: (x - 2.0) ** 2, 0.5, bounds=(0.0, 1.0), steps=50)
+          >>> bool(result.certify(lambda x: abs(x - 2.0)).improvement > 0.4)
+          True
+        """
+        values = [jnp.asarray(metric(robot)) for robot in (self.initial, self.robot)]
+        slacks = [jnp.min(slacks_of(constraints, robot), initial=jnp.inf) for robot in (self.initial, self.robot)]
+        return Certificate(*values, *slacks)
 
 
 def optimize_design(
-    objective: Callable[[Any], Any],
+    objective: Callable[..., Any],
     params: Any,
     *,
     bounds: tuple[Any, Any],
@@ -82,6 +159,10 @@ def optimize_design(
     constraints: Sequence[Callable[[Any], Any]] = (),
     starts: int = 1,
     seed: int = 0,
+    poses: Any = None,
+    batch_size: int | None = None,
+    tolerance: float | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> DesignResult:
     """Minimize ``objective(build(params))`` within bounds and under constraints, by gradient.
 
@@ -94,11 +175,18 @@ def optimize_design(
       bounds: (low, high), two pytrees like ``params``, finite. Equal bounds keep a number fixed.
       steps: steps of the optimizer.
       build: makes the robot of the parameters.
-      optimizer: of optax, acting on parameters scaled to [0, 1]. Default: Adam with a learning rate that
-        decays from 0.03 by a cosine.
+      optimizer: of optax, acting on parameters scaled to [0, 1]; ``optax.lbfgs()`` will do. Default: Adam
+        with a learning rate that decays from 0.03 by a cosine.
       constraints: functions of a robot, of order one, satisfied where every entry is >= 0.
       starts: number of starts; those after the first are random within the bounds.
       seed: of the random starts.
+      poses: ``(n, d)`` poses, or a sample of a region, for an ``objective(robot, poses)``.
+      batch_size: poses of which each step sees that many, the next ones, round and round. Objectives of two
+        steps then cannot be compared: each start's design is its latest that keeps the constraints, and in
+        the end the starts are compared over all poses.
+      tolerance: stop when over the last fifth of ``steps`` no start's best objective fell by more.
+      checkpoint: path of an ``.npz`` file, replaced every ten steps. An optimization that was stopped goes on
+        from there when called again, to the same result; a finished one is read.
 
     Returns:
       ``DesignResult`` with the best design that any step saw and that violates no constraint by more
@@ -106,62 +194,121 @@ def optimize_design(
 
     Raises:
       ValueError: bounds that are not finite, out of order, or of another structure than ``params``;
-        params outside them; fewer than one step or start.
+        params outside them; fewer than one step or start; batches without poses, or larger than all of
+        them, or with a tolerance; the checkpoint of another optimization.
 
     Example:
       >>> result = optimize_design(lambda x: (x - 2.0) ** 2, 0.5, bounds=(0.0, 1.0), steps=50)
-      >>> round(float(result.params), 3), result.status.name
-      (1.0, 'IMPROVED')
+      >>> round(float(result.params), 3), result.status.name, round(float(result.prices.high), 3)
+      (1.0, 'IMPROVED', 2.0)
     """
     import optax  # importing it with the package would cost a sixth of the time that JAX takes
 
-    if steps < 1 or starts < 1:
-        raise ValueError(f"Got steps={steps} and starts={starts}; expected at least one of each.")
-    params, low, high = _checked(params, bounds)
-    units = _start_units(params, low, high, starts, seed)
+    _check_counts(steps, starts, poses, batch_size, tolerance)
+    params, low, high = checked_bounds(params, bounds)
+    units = start_units(params, low, high, starts, seed)
     optimizer = optimizer or optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))
 
     def scaled(unit):
         return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
 
-    def slacks(robot):
-        each = [jnp.ravel(jnp.asarray(constraint(robot))) for constraint in constraints]
-        return jnp.concatenate(each) if each else jnp.zeros(0)
-
-    def lagrangian(unit, multipliers):
+    def evaluate(unit, _, number, size=batch_size):
         robot = build(scaled(unit))
-        value, slack = objective(robot), slacks(robot)
-        short = jnp.maximum(multipliers.astype(slack.dtype) / _PENALTY - slack, 0)
-        return value + _PENALTY / 2 * jnp.sum(short**2).astype(value.dtype), (value, slack)
+        return jnp.asarray(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
 
-    @jax.jit
-    @jax.vmap
-    def step(unit, state, multipliers):
-        (_, (value, slack)), gradient = jax.value_and_grad(lagrangian, has_aux=True)(unit, multipliers)
-        finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(g)) for g in jax.tree.leaves(gradient)]))
-        gradient = jax.tree.map(lambda g: jnp.where(finite, g, 0), gradient)
-        with jax.numpy_dtype_promotion("standard"):  # optax relies on it
-            updates, state = optimizer.update(gradient, state, unit)
-            moved = jax.tree.map(lambda u: jnp.clip(u, 0, 1), optax.apply_updates(unit, updates))
-        raised = jnp.maximum(multipliers - _PENALTY * slack.astype(multipliers.dtype), 0)
-        return moved, state, value, slack, raised
-
-    count = jax.eval_shape(lambda unit: slacks(build(scaled(unit))), jax.tree.map(lambda u: u[0], units)).shape[0]
-    state, multipliers = jax.vmap(optimizer.init)(units), jnp.zeros((starts, count))
-    best: Any = None
-    log: list[Any] = []
-    for number in _progress(steps + 1, log):
-        moved, state, value, slack, raised = step(units, state, multipliers)
-        violation = jnp.max(jnp.maximum(-slack, 0), axis=1, initial=0)
-        best = _better(best, (units, value, violation))
-        log.append((value, violation, multipliers))
-        units = moved
-        if number % _PERIOD == _PERIOD - 1:
-            multipliers = raised
-    return _result(log, best, jax.vmap(scaled)(best[0]), build)
+    step = stepper(evaluate, optimizer, comparable=batch_size is None)
+    state = begun(units, optimizer, evaluate, (), jnp.uint32(0))
+    run = _run(step, state, steps, tolerance, checkpoint, (params, low, high, seed, batch_size))
+    sight = step(dataclasses.replace(run.state, units=run.state.best.units), (), jnp.uint32(0), False)[1]
+    best, started = run.state.best, (run.log[0][0, 0], run.log[1][0, 0])
+    if batch_size is not None:
+        judged = jax.tree.map(lambda first, others: jnp.concatenate([first[:1], others]), units, best.units)
+        over_all = jax.jit(partial(jax.lax.map, lambda unit: evaluate(unit, (), jnp.uint32(0), None)[0]))(judged)
+        best, started = dataclasses.replace(best, objective=over_all[1:]), (over_all[0], started[1])
+    chosen, status = _chosen(best, started)
+    all_params = jax.vmap(scaled)(best.units)
+    design = jax.tree.map(lambda leaf: leaf[chosen], all_params)
+    return DesignResult(
+        params=design,
+        robot=build(design),
+        initial=build(params),
+        history=History(*map(jnp.asarray, run.log)),
+        starts=Starts(all_params, best.objective, best.violation),
+        prices=_prices(jax.tree.map(lambda leaf: leaf[chosen], (sight, best.units)), low, high),
+        status=status,
+        reason=run.reason,
+    )
 
 
-def _checked(params: Any, bounds: tuple[Any, Any]) -> tuple[Any, Any, Any]:
+class _Run(NamedTuple):
+    """The state after the last step, and what all steps saw: objectives, violations, multipliers."""
+
+    state: Descent
+    log: tuple[np.ndarray, ...]
+    reason: StopReason
+
+
+def _run(step: Step, state: Descent, steps: int, tolerance: Any, checkpoint: Any, settings: Any) -> _Run:
+    """All steps, or those that a checkpoint lacks."""
+    log = _empty_log(steps + 1, state)
+    done, job, path = 0, {}, None if checkpoint is None else os.fspath(checkpoint)
+    if path is not None:
+        seen = step(state, (), jnp.uint32(0), False)[1]
+        job = {"parameters": settings, "objective": (seen.objective, seen.violation), "steps": steps}
+        done, (state, saved) = restore(path, job, (state, log))
+        log = tuple(np.array(column) for column in saved)
+    for number in _progress(done, steps + 1, log):
+        if tolerance is not None and _settled(log, number, max(steps // 5, PERIOD), tolerance):
+            return _Run(state, tuple(column[:number] for column in log), StopReason.SETTLED)
+        log[2][number] = state.multipliers
+        state, sight = step(state, (), jnp.uint32(number), number % PERIOD == PERIOD - 1)
+        log[0][number], log[1][number] = sight.objective, sight.violation
+        if path is not None and (number % PERIOD == PERIOD - 1 or number == steps):
+            save(path, job, number + 1, (state, log))
+    return _Run(state, log, StopReason.STEPS)
+
+
+def _empty_log(rows: int, state: Descent) -> tuple[np.ndarray, ...]:
+    columns = state.best.objective, state.best.violation, state.multipliers
+    return tuple(np.full((rows, *column.shape), np.nan, column.dtype) for column in columns)
+
+
+def _settled(log: tuple[np.ndarray, ...], number: int, window: int, tolerance: float) -> bool:
+    """Whether every start has a design that keeps the constraints, and none a better one since the window began."""
+    if number <= window:
+        return False
+    allowed = np.where(log[1][:number] <= ALLOWED, log[0][:number], np.inf)
+    before = np.min(allowed[:-window], axis=0)
+    return bool(np.all(before < np.inf) and np.all(np.min(allowed, axis=0) >= before - tolerance))
+
+
+def _batch(poses: Any, size: int | None, number: jax.Array) -> tuple[Any, ...]:
+    """What the objective is given besides the robot."""
+    if poses is None:
+        return ()
+    if size is None:
+        return (poses,)
+    numbers = (number * jnp.uint32(size) + jnp.arange(size, dtype=jnp.uint32)) % jnp.uint32(len(poses))
+    return (poses.poses(numbers) if isinstance(poses, Sample) else jnp.asarray(poses)[numbers],)
+
+
+def _check_counts(steps: int, starts: int, poses: Any, batch_size: int | None, tolerance: Any) -> None:
+    if steps < 1 or starts < 1:
+        raise ValueError(f"Got steps={steps} and starts={starts}; expected at least one of each.")
+    if batch_size is None:
+        return
+    if poses is None or not 1 <= batch_size <= len(poses):
+        raise ValueError(f"Got batch_size={batch_size}; expected poses, and from 1 to all of them in a batch.")
+    if tolerance is not None:
+        raise ValueError("Got a tolerance and a batch_size; objectives of different batches cannot be compared.")
+
+
+def checked_bounds(params: Any, bounds: tuple[Any, Any]) -> tuple[Any, Any, Any]:
+    """Parameters and their bounds as arrays of one structure, shape and dtype.
+
+    Raises:
+      ValueError: other structures, bounds that are not finite or out of order, parameters outside them.
+    """
     low, high = bounds
     structures = {str(jax.tree.structure(tree)) for tree in (params, low, high)}
     if len(structures) > 1:
@@ -177,58 +324,41 @@ def _checked(params: Any, bounds: tuple[Any, Any]) -> tuple[Any, Any, Any]:
     return params, low, high
 
 
-def _start_units(params: Any, low: Any, high: Any, starts: int, seed: int) -> Any:
-    """Starts scaled to the unit box: the given one, then random ones."""
-    generator = np.random.default_rng(seed)
-
-    def leaf(value, a, b):
-        wide = b > a
-        first = jnp.where(wide, (value - a) / jnp.where(wide, b - a, 1), 0)
-        others = jnp.asarray(generator.random((starts - 1, *value.shape)), value.dtype)
-        return jnp.concatenate([first[None], others])
-
-    return jax.tree.map(leaf, params, low, high)
-
-
-def _better(best: Any, new: Any) -> Any:
-    """Per start the better of two (unit, objective, violation): kept constraints first, then the objective."""
-    if best is None:
-        return new
-    (_, old_value, old_violation), (_, value, violation) = best, new
-    old_short, short = (jnp.maximum(v - _ALLOWED, 0) for v in (old_violation, violation))
-    wins = (short < old_short) | ((short == old_short) & (value < old_value)) | ~jnp.isfinite(old_value)
-    wins = wins & jnp.isfinite(value)
-    return jax.tree.map(lambda n, o: jnp.where(wins.reshape((-1,) + (1,) * (n.ndim - 1)), n, o), new, best)
-
-
-def _result(log: list[Any], best: Any, all_params: Any, build: Callable[[Any], Any]) -> DesignResult:
-    _, value, violation = best
-    kept = (violation <= _ALLOWED) & jnp.isfinite(value)
-    chosen = int(jnp.argmin(jnp.where(kept, value, jnp.inf)))
+def _chosen(best: Seen, started: tuple[Any, Any]) -> tuple[int, DesignStatus]:
+    """Which start has the best design, and what that is worth; ``started`` is objective and violation at first."""
+    value, kept = best.objective, (best.violation <= ALLOWED) & jnp.isfinite(best.objective)
     if not bool(jnp.any(jnp.isfinite(value))):
-        status = DesignStatus.NONFINITE
-    elif not bool(jnp.any(kept)):
-        status = DesignStatus.INFEASIBLE
-        chosen = int(jnp.argmin(violation))
-    else:
-        first_value, first_violation, _ = log[0]
-        started = bool(first_violation[0] <= _ALLOWED) and not bool(value[chosen] < first_value[0])
-        status = DesignStatus.NOT_IMPROVED if started else DesignStatus.IMPROVED
-    params = jax.tree.map(lambda leaf: leaf[chosen], all_params)
-    history = History(*(jnp.stack(column) for column in zip(*log, strict=True)))
-    return DesignResult(params, build(params), history, Starts(all_params, value, violation), status)
+        return 0, DesignStatus.NONFINITE
+    if not bool(jnp.any(kept)):
+        return int(jnp.argmin(best.violation)), DesignStatus.INFEASIBLE
+    chosen = int(jnp.argmin(jnp.where(kept, value, jnp.inf)))
+    improved = not (started[1] <= ALLOWED) or bool(value[chosen] < started[0])
+    return chosen, DesignStatus.IMPROVED if improved else DesignStatus.NOT_IMPROVED
 
 
-def _progress(steps: int, log: list[Any]) -> Iterable[int]:
+def _prices(seen: tuple[Sight, Any], low: Any, high: Any) -> Prices:
+    sight, unit = seen
+    held = held_back(sight.gradient, unit)
+    free = jax.tree.map(lambda g, h: jnp.max(jnp.abs(g - h)), sight.gradient, held)
+
+    def price(sign):
+        return jax.tree.map(
+            lambda h, a, b: jnp.maximum(sign * h, 0) / jnp.where(b > a, b - a, jnp.inf), held, low, high
+        )
+
+    return Prices(sight.multipliers, price(1), price(-1), jnp.max(jnp.stack(jax.tree.leaves(free))))
+
+
+def _progress(first: int, last: int, log: tuple[np.ndarray, ...]) -> Iterator[int]:
     """Step numbers, with a progress line that shows the best objective so far, if tqdm is installed."""
     try:
         from tqdm import tqdm
     except ImportError:
-        yield from range(steps)
+        yield from range(first, last)
         return
-    with tqdm(total=steps, desc="design", unit="step", disable=None) as bar:
-        for number in range(steps):
+    with tqdm(total=last, initial=first, desc="design", unit="step", disable=None) as bar:
+        for number in range(first, last):
             yield number
             if not bar.disable:
-                bar.set_postfix(objective=f"{float(jnp.min(log[-1][0])):.5f}")
+                bar.set_postfix(objective=f"{np.nanmin(log[0][number]):.5f}")
             bar.update()

@@ -1,0 +1,142 @@
+"""Descent in the unit cube under constraints: an augmented Lagrangian, and many starts in one program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._pytree import pytree
+
+PERIOD = 10  # steps between two updates of the multipliers
+ALLOWED = 1e-3  # violation that the best design may have
+_PENALTY = 20.0  # weight of a squared violation, for objectives and constraints of order one
+
+Evaluate = Callable[[Any, Any, Any], tuple[jax.Array, jax.Array]]  # (unit, own, shared) -> objective, slacks
+
+
+@pytree
+class Seen:
+    """A design of every start: where in the unit cube, its objective and largest violation."""
+
+    units: Any
+    objective: jax.Array
+    violation: jax.Array
+
+
+@pytree
+class Descent:
+    """State of all starts between two steps."""
+
+    units: Any
+    memory: Any  # the optimizer's
+    multipliers: jax.Array
+    best: Seen
+
+
+class Sight(NamedTuple):
+    """What a step sees before it moves, per start."""
+
+    objective: jax.Array
+    violation: jax.Array
+    multipliers: jax.Array  # as the slacks suggest them
+    gradient: Any  # of the Lagrangian in the unit cube
+
+
+Step = Callable[[Descent, Any, Any, Any], tuple[Descent, Sight]]
+
+
+def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> Step:
+    """The compiled program ``step(descent, own, shared, raises)`` of one step of all starts.
+
+    Args:
+      evaluate: objective and slacks (satisfied where >= 0) of a point, given what belongs to its start
+        and what is shared by all.
+      optimizer: of optax, line searches included.
+      comparable: whether objectives of two steps can be compared; else the latest design counts as best.
+    """
+    import optax  # importing it with the package would cost a sixth of the time that JAX takes
+
+    optimizer = optax.with_extra_args_support(optimizer)
+
+    def lagrangian(unit, multipliers, own, shared):
+        value, slack = evaluate(unit, own, shared)
+        short = jnp.maximum(multipliers.astype(slack.dtype) / _PENALTY - slack, 0)
+        return value + _PENALTY / 2 * jnp.sum(short**2).astype(value.dtype), (value, slack)
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(0, 0, None, None))
+    def step(descent, own, shared, raises):
+        unit, multipliers = descent.units, descent.multipliers
+        merit = partial(lagrangian, multipliers=multipliers, own=own, shared=shared)
+        (level, (value, slack)), gradient = jax.value_and_grad(merit, has_aux=True)(unit)
+        finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(g)) for g in jax.tree.leaves(gradient)]))
+        free = jax.tree.map(lambda g, u: jnp.where(finite & ~_held(g, u), g, 0), gradient, unit)
+        with jax.numpy_dtype_promotion("standard"):  # optax relies on it
+            updates, memory = optimizer.update(
+                free, descent.memory, unit, value=level, grad=free, value_fn=lambda u: merit(_clipped(u))[0]
+            )
+            moved = _clipped(optax.apply_updates(unit, updates))
+        violation = jnp.max(jnp.maximum(-slack, 0), initial=0)
+        raised = jnp.maximum(multipliers - _PENALTY * slack.astype(multipliers.dtype), 0)
+        best = _better(descent.best, Seen(unit, value, violation), comparable)
+        moved = Descent(moved, memory, jnp.where(raises, raised, multipliers), best)
+        return moved, Sight(value, violation, raised, gradient)
+
+    return step
+
+
+def begun(units: Any, optimizer: Any, evaluate: Evaluate, own: Any, shared: Any) -> Descent:
+    """All starts before their first step."""
+    first = jax.tree.map(lambda leaf: leaf[0], (units, own))
+    value, slack = jax.eval_shape(evaluate, *first, shared)
+    starts = jax.tree.leaves(units)[0].shape[0]
+    unseen = jnp.full(starts, jnp.inf, value.dtype), jnp.full(starts, jnp.inf, slack.dtype)
+    multipliers = jnp.zeros((starts, *slack.shape), slack.dtype)
+    return Descent(units, jax.vmap(optimizer.init)(units), multipliers, Seen(units, *unseen))
+
+
+def start_units(params: Any, low: Any, high: Any, starts: int, seed: int) -> Any:
+    """Starts scaled to the unit cube: the given one, then random ones."""
+    generator = np.random.default_rng(seed)
+
+    def leaf(value, a, b):
+        wide = b > a
+        first = jnp.where(wide, (value - a) / jnp.where(wide, b - a, 1), 0)
+        others = jnp.asarray(generator.random((starts - 1, *value.shape)), value.dtype)
+        return jnp.concatenate([first[None], others])
+
+    return jax.tree.map(leaf, params, low, high)
+
+
+def slacks_of(constraints: Sequence[Callable[[Any], Any]], robot: Any) -> jax.Array:
+    """All entries of all constraints."""
+    each = [jnp.ravel(jnp.asarray(constraint(robot))) for constraint in constraints]
+    return jnp.concatenate(each) if each else jnp.zeros(0)
+
+
+def _held(slope: jax.Array, unit: jax.Array) -> jax.Array:
+    """Whether descent would leave the unit cube."""
+    return ((unit <= 0) & (slope > 0)) | ((unit >= 1) & (slope < 0))
+
+
+def held_back(gradient: Any, units: Any) -> Any:
+    """The slopes that point out of the unit cube, and zero for the others."""
+    return jax.tree.map(lambda g, u: jnp.where(_held(g, u), g, 0), gradient, units)
+
+
+def _clipped(unit: Any) -> Any:
+    return jax.tree.map(lambda u: jnp.clip(u, 0, 1), unit)
+
+
+def _better(old: Seen, new: Seen, comparable: bool) -> Seen:
+    """The better of two designs: kept constraints first, then the objective or, if that says nothing, the later."""
+    old_short, short = (jnp.maximum(seen.violation - ALLOWED, 0) for seen in (old, new))
+    even = (new.objective < old.objective) if comparable else True
+    wins = jnp.isfinite(new.objective) & ((short < old_short) | ((short == old_short) & even))
+    wins = wins | (jnp.isfinite(new.objective) & ~jnp.isfinite(old.objective))
+    return jax.tree.map(lambda n, o: jnp.where(wins, n, o), new, old)
