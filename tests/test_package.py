@@ -14,7 +14,7 @@ import jaxscissor as js
 ROOT = pathlib.Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "jaxscissor"
 LEVELS = [
-    {"_vectors", "_pytree", "_fence", "_checkpoint", "mobility"},
+    {"_vectors", "_pytree", "_fence", "_checkpoint", "_progress", "mobility"},
     {"_numerics", "_solution", "_trigonometric", "_batching"},
     {"_spaces", "_newton", "_quartic", "_sweep", "_distinct", "scissor", "scott"},
     {"mechanisms._contract", "mechanisms._octahedron", "mechanisms._planar_triangle"},
@@ -25,8 +25,8 @@ LEVELS = [
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions", "encumbrance"},
     {"workspace", "_descent", "extremes", "loci", "clearance"},
-    {"exact", "metrics", "aspects", "_slices", "design"},
-    {"modes", "_singularity_pictures"},
+    {"exact", "metrics", "aspects", "_slices", "design", "binding"},
+    {"modes", "_singularity_pictures", "tradeoffs"},
     {"plot"},
 ]
 LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}

@@ -26,6 +26,8 @@ from jaxscissor.aspects import cuspidal_search as cuspidal_search
 from jaxscissor.assembly import forward_kinematics_all as forward_kinematics_all
 from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
 from jaxscissor.assembly import within_limits as within_limits
+from jaxscissor.binding import Binding as Binding
+from jaxscissor.binding import binding_limits as binding_limits
 from jaxscissor.clearance import Clearance as Clearance
 from jaxscissor.clearance import clearance as clearance
 from jaxscissor.clearance import clearance_along as clearance_along
@@ -79,6 +81,9 @@ from jaxscissor.sensing import SensedMode as SensedMode
 from jaxscissor.sensing import sensed_mode as sensed_mode
 from jaxscissor.singularity import Singularity as Singularity
 from jaxscissor.singularity import singularity as singularity
+from jaxscissor.tradeoffs import ParetoFront as ParetoFront
+from jaxscissor.tradeoffs import optimize_choices as optimize_choices
+from jaxscissor.tradeoffs import pareto_front as pareto_front
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 from jaxscissor._batching import CHUNK
 from jaxscissor._checkpoint import restore, save
+from jaxscissor._progress import progress
 
 _BLOCK = 64  # chunks of each device between two steps of the progress bar
 
@@ -62,7 +63,7 @@ def add_up(add: Callable[..., Any], settings: Any, plan: Plan, totals: Any, job:
     if plan.checkpoint is not None:
         first, totals = restore(plan.checkpoint, identity, totals)
     step = _BLOCK * (plan.mesh.size if plan.mesh else 1)
-    for start in _progress(range(first, chunks, step)):
+    for start in progress(range(first, chunks, step), "workspace", "block"):
         stop = min(start + step, chunks)
         sums = jax.block_until_ready(block(jnp.int32(start), jnp.int32(stop)))
         totals = jax.tree.map(jnp.add, totals, sums)
@@ -99,14 +100,3 @@ def _on_all(mesh: Mesh, share: Callable[..., Any]) -> Callable[..., Any]:
 
     everywhere = PartitionSpec()
     return jax.shard_map(work, mesh=mesh, in_specs=everywhere, out_specs=everywhere, check_vma=False)
-
-
-def _progress(blocks: range) -> Iterable[int]:
-    """The blocks, with a progress bar if there are several and tqdm is installed."""
-    if len(blocks) <= 1 or jax.process_index() > 0:
-        return blocks
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return blocks
-    return tqdm(blocks, desc="workspace", unit="block", disable=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,6 +27,7 @@ from jaxscissor._descent import (
     start_units,
     stepper,
 )
+from jaxscissor._progress import progress
 from jaxscissor._pytree import as_floats, pytree, static
 from jaxscissor.regions import Sample
 
@@ -129,9 +130,7 @@ class DesignResult:
     status: DesignStatus = static()
     reason: StopReason = static()
 
-    def certify(
-        self, metric: Callable[[Any], Any], constraints: Sequence[Callable[[Any], Any]] = ()
-    ) -> Certificate:
+    def certify(self, metric: Callable[[Any], Any], constraints: Sequence[Callable[[Any], Any]] = ()) -> Certificate:
         """Compare the robot with the initial one by a metric, a hard one on a dense sample of its own.
 
         Args:
@@ -257,7 +256,8 @@ def _run(step: Step, state: Descent, steps: int, tolerance: Any, checkpoint: Any
         job = {"parameters": settings, "objective": (seen.objective, seen.violation), "steps": steps}
         done, (state, saved) = restore(path, job, (state, log))
         log = tuple(np.array(column) for column in saved)
-    for number in _progress(done, steps + 1, log):
+    numbers = range(done, steps + 1)
+    for number in progress(numbers, "design", "step", lambda i: f"objective {np.nanmin(log[0][i]):.5f}"):
         if tolerance is not None and _settled(log, number, max(steps // 5, PERIOD), tolerance):
             return _Run(state, tuple(column[:number] for column in log), StopReason.SETTLED)
         log[2][number] = state.multipliers
@@ -347,18 +347,3 @@ def _prices(seen: tuple[Sight, Any], low: Any, high: Any) -> Prices:
         )
 
     return Prices(sight.multipliers, price(1), price(-1), jnp.max(jnp.stack(jax.tree.leaves(free))))
-
-
-def _progress(first: int, last: int, log: tuple[np.ndarray, ...]) -> Iterator[int]:
-    """Step numbers, with a progress line that shows the best objective so far, if tqdm is installed."""
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        yield from range(first, last)
-        return
-    with tqdm(total=last, initial=first, desc="design", unit="step", disable=None) as bar:
-        for number in range(first, last):
-            yield number
-            if not bar.disable:
-                bar.set_postfix(objective=f"{np.nanmin(log[0][number]):.5f}")
-            bar.update()

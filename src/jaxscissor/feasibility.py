@@ -127,13 +127,26 @@ def _least_jvp(primals, tangents):
 @functools.partial(jax.jit, static_argnums=3)
 def _leg_margin(leg: Any, attachment: Any, home: Any, differentiated: bool) -> tuple[Scalar, LegResult]:
     """Margin of one leg, and its solution."""
+    margins, result = _leg_margins(leg, attachment, home, differentiated)
+    margin = smallest(margins)
+    return jnp.where(jnp.isnan(margin), -jnp.inf, margin), result
+
+
+def _leg_margins(leg: Any, attachment: Any, home: Any, differentiated: bool) -> tuple[list[Scalar], LegResult]:
+    """Distances of one leg to the edge of the home mode and to every limit, and its solution."""
     tol = default_tol(jnp.result_type(jax.tree.leaves(attachment)[0]))
     result = solve_leg(leg, attachment, home, guess=None, tol=tol, max_steps=MAX_STEPS)
     joints, edge = _nearest(leg, attachment, result)
     if differentiated:
         joints, edge = fence((joints, edge))  # else every one of the derivatives evaluates them anew
-    margin = smallest([edge, *leg.margins(joints, attachment)])
-    return jnp.where(jnp.isnan(margin), -jnp.inf, margin), result
+    return [edge, *leg.margins(joints, attachment)], result
+
+
+def margins_of_legs(robot: Mechanism, pose: jax.Array) -> jax.Array:
+    """Margins ``(legs, limits)``, the least of which is that of ``feasibility``; first the edge of the home mode."""
+    placed = place(robot, pose)
+    cases = zip(placed.legs, placed.attachments, placed.homes, strict=True)
+    return jnp.stack([jnp.stack(_leg_margins(*case, False)[0]) for case in cases])
 
 
 def _nearest(leg: Any, attachment: Any, result: LegResult) -> tuple[Joints, Scalar]:

@@ -68,9 +68,9 @@ def workspace_fraction(
       >>> round(float(js.workspace_fraction(robot, sample)), 2)
       0.29
     """
-    robot, sample = _checked(robot, poses)
+    robot, sample = checked_sample(robot, poses)
     plan = planned(len(sample), chunk_size, mesh, checkpoint)
-    reached = add_up(_count, None, plan, jnp.uint32(0), {"robot": robot, "sample": _without_size(sample)})
+    reached = add_up(_count, None, plan, jnp.uint32(0), {"robot": robot, "sample": without_size(sample)})
     return reached.astype(float_dtype(robot)) / len(sample)
 
 
@@ -114,13 +114,14 @@ def soft_workspace_fraction(
       >>> bool(gradient.link_lengths[0] > 0)  # a longer lowest bar widens the workspace
       True
     """
-    robot, sample = _checked(robot, poses)
+    robot, sample = checked_sample(robot, poses)
     plan = planned(len(sample), chunk_size, mesh, checkpoint)
     sharpness = jnp.asarray(sharpness, float_dtype(robot))
-    return _soft(plan, robot, lax.stop_gradient(_without_size(sample)), lax.stop_gradient(sharpness))
+    return _soft(plan, robot, lax.stop_gradient(without_size(sample)), lax.stop_gradient(sharpness))
 
 
-def _checked(robot: Mechanism, poses: Any) -> tuple[Any, Any]:
+def checked_sample(robot: Mechanism, poses: Any) -> tuple[Any, Any]:
+    """Robot of floats, and the poses behind the interface of a sample."""
     sample = poses if isinstance(poses, Sample) else _Listed(jnp.asarray(poses))
     if not len(sample):
         raise ValueError("Got no poses; the fraction of an empty sample is not defined.")
@@ -133,7 +134,7 @@ def _checked(robot: Mechanism, poses: Any) -> tuple[Any, Any]:
     return as_floats(robot)[0], sample
 
 
-def _without_size(sample: Any) -> Any:
+def without_size(sample: Any) -> Any:
     """The sample with its length taken out of the structure, so that another length does not recompile."""
     if isinstance(sample, Sample) and not sample.counts:
         return Sample(sample.region, sample.shift, (), 0)

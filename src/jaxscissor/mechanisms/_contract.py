@@ -33,6 +33,7 @@ class Leg:
 
     actuated: ClassVar[tuple[bool, ...]]  # one entry per joint of the leg; False is passive
     angular: ClassVar[tuple[bool, ...] | None] = None  # which joints are angles; None: all are lengths
+    limits: ClassVar[tuple[str, ...] | None] = None  # names of the margins, for reports; None: they are numbered
 
     def residual(self, joints: Joints, attachment: Attachment) -> Joints:
         """Closure equations, as many as joints, dimensionless and of order one."""

@@ -115,6 +115,15 @@ class ScissorLeg(Leg):
     narrowest: Scalar
 
     actuated = (True, True)
+    limits = (
+        "shortest slide A",
+        "longest slide A",
+        "shortest slide B",
+        "longest slide B",
+        "scissor folded",
+        "scissor extended",
+        "apex at the base plane",
+    )
 
     def residual(self, joints: Joints, attachment: Vec) -> Joints:
         """Symmetry and height of the scissor [RAL17 eqs. 10, 13], divided by L^2."""

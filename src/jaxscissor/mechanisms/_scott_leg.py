@@ -33,6 +33,7 @@ class ScottLeg(Leg):
     high_stroke: tuple[Scalar, Scalar]
 
     actuated = (True, True)
+    limits = ("least rho1..3", "greatest rho1..3", "least rho4..6", "greatest rho4..6")
 
     def spread(self, joints: Joints) -> Scalar:
         """Height of the upper slider over the lower one."""

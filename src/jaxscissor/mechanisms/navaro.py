@@ -51,6 +51,7 @@ class NavaroLeg(Leg):
 
     actuated = (False, True)  # the robot's actuation mode decides
     angular = (True, False)
+    limits = ("shortest leg", "longest leg")
 
     def residual(self, joints: Joints, attachment: Vec) -> Joints:
         """A + rho (cos theta, sin theta) - B, in units of the robot's length [NAV19 eqs. 7-12]."""

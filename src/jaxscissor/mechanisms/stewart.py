@@ -33,6 +33,7 @@ class TelescopicLeg(Leg):
     stroke: tuple[Scalar, Scalar]
 
     actuated = (True,)
+    limits = ("shortest leg", "longest leg")
 
     def residual(self, joints: Joints, attachment: Vec) -> Joints:
         """Squared distance of the joints less the squared length, relative to both it and the robot's length."""

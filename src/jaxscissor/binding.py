@@ -1,0 +1,99 @@
+"""What keeps a robot out of the poses that it does not reach: which limit of which leg, and where."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._fence import fence
+from jaxscissor._pytree import float_dtype, pytree, static
+from jaxscissor._sweep import add_up, planned
+from jaxscissor.constraints import constrained_pose
+from jaxscissor.feasibility import margins_of_legs
+from jaxscissor.mechanisms._contract import Mechanism
+from jaxscissor.workspace import checked_sample, without_size
+
+
+@pytree
+class Binding:
+    """What keeps a robot out of the poses that it does not reach.
+
+    Attributes:
+      share: ``(legs, limits)`` of all poses, those out of reach for this limit of this leg first of all.
+      center: ``(legs, limits, d)`` mean of those poses; ``nan`` where there are none.
+      other: share of the poses that meet no constraint of the robot or are not finite.
+      limits: names of the limits.
+    """
+
+    share: jax.Array
+    center: jax.Array
+    other: jax.Array
+    limits: tuple[str, ...] = static()
+
+    def __repr__(self) -> str:
+        """The limits in order of their shares, with the mean pose of each."""
+        share, center = np.asarray(self.share), np.asarray(self.center)
+        if share.ndim != 2:
+            return f"Binding(share={share.shape})"
+        rows = [
+            f"  {share[leg, limit]:6.1%}  leg {leg + 1}: {self.limits[limit]}, about {center[leg, limit].round(3)}"
+            for leg, limit in zip(*np.unravel_index(np.argsort(-share, axis=None), share.shape), strict=True)
+            if share[leg, limit] > 0
+        ]
+        return "\n".join([f"Binding: {share.sum() + float(self.other):.1%} of the poses are out of reach", *rows])
+
+
+def binding_limits(robot: Mechanism, poses: Any, *, chunk_size: int | None = None) -> Binding:
+    """For every pose out of reach the limit with the least margin: what to change first, and where it helps.
+
+    Args:
+      robot: the robot.
+      poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk.
+      chunk_size: poses evaluated together.
+
+    Returns:
+      ``Binding``. Its shares add up to what ``workspace_fraction`` lacks of one.
+
+    Raises:
+      ValueError: poses of the wrong shape, or none.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.NavaroII.prototype()
+      >>> sample = js.Box([0.0, 0.0, 0.0], [90.0, 80.0, 0.0]).quasi_random(1000)
+      >>> found = js.binding_limits(robot, sample)  # print it for the whole table
+      >>> round(float(found.share.sum()), 2), found.limits[1:]
+      (0.28, ('shortest leg', 'longest leg'))
+    """
+    robot, sample = checked_sample(robot, poses)
+    plan = planned(len(sample), chunk_size, None, None)
+    shape = jax.eval_shape(lambda: margins_of_legs(robot, robot.home()[0])).shape
+    zero = jnp.zeros((), float_dtype(robot))
+    start = zero + jnp.zeros(shape), zero + jnp.zeros((*shape, robot.space.dimension)), zero
+    job = {"robot": robot, "sample": without_size(sample)}
+    count, total, other = add_up(_count, None, plan, start, job)
+    center = jnp.where(count[..., None] > 0, total / jnp.maximum(count, 1)[..., None], jnp.nan)
+    names = robot.legs().limits or tuple(f"limit {i + 1}" for i in range(shape[1] - 1))
+    return Binding(count / plan.size, center, other / plan.size, ("edge of the home mode", *names))
+
+
+def _count(_, totals, numbers, counted, robot, sample):
+    """Add the poses out of reach to the place of the limit that decides."""
+    count, total, other = totals
+
+    def judge(pose):
+        whole = constrained_pose(robot, pose)
+        margins = margins_of_legs(robot, jnp.where(whole.converged, whole.value, robot.home()[0]))
+        margins = jnp.where(jnp.isnan(margins), -jnp.inf, margins)
+        least = jnp.min(margins)
+        first = jnp.arange(margins.size).reshape(margins.shape) == jnp.argmin(margins)
+        return first & (least < 0) & whole.converged, ~whole.converged
+
+    poses = fence(sample.poses(numbers))
+    binds, fails = jax.vmap(judge)(poses)
+    binds = (binds & counted[:, None, None]).astype(count.dtype)
+    total = total + jnp.einsum("nij,nd->ijd", binds, jnp.where(jnp.isfinite(poses), poses, 0))
+    return count + binds.sum(axis=0), total, other + jnp.sum(fails & counted, dtype=other.dtype)

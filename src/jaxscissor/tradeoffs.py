@@ -1,0 +1,203 @@
+"""Several metrics at once, and several kinds of robot: Pareto fronts and the choice among layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._descent import ALLOWED, PERIOD, begun, slacks_of, start_units, stepper
+from jaxscissor._progress import progress
+from jaxscissor._pytree import pytree
+from jaxscissor.design import DesignResult, DesignStatus, checked_bounds, optimize_design
+
+if TYPE_CHECKING:
+    import optax
+
+_ROUNDS = 3
+_TILT = 0.02  # weight of the metrics' sum beside the greatest of them, so that none is worse than it need be
+
+
+@pytree
+class ParetoFront:
+    """Designs none of which is better than another in all metrics, in the order of the first metric.
+
+    Attributes:
+      values: ``(n, metrics)``.
+      params: their parameters, on a leading axis ``n``.
+      violation: ``(n,)`` largest violation of a constraint, at most 1e-3.
+    """
+
+    values: jax.Array
+    params: Any
+    violation: jax.Array
+
+
+def pareto_front(
+    objectives: Sequence[Callable[[Any], Any]],
+    params: Any,
+    *,
+    bounds: tuple[Any, Any],
+    steps: int,
+    build: Callable[[Any], Any] = lambda params: params,
+    optimizer: optax.GradientTransformation | None = None,
+    constraints: Sequence[Callable[[Any], Any]] = (),
+    designs: int = 100,
+    seed: int = 0,
+) -> ParetoFront:
+    """Best compromises between metrics, by gradient, all designs in one vmapped program.
+
+    Every design minimizes the largest of the metrics, each with a weight of the design's own and scaled to
+    the range that the designs span (Chebyshev's scalarization, which finds the hollow parts of a front too).
+    That is done in three rounds. In each, every design starts from the one among all found that suits its weights
+    best, and the metrics are scaled anew; the first round starts from random designs.
+
+    Args:
+      objectives: metrics of a robot, two or more, all to be minimized.
+      params, bounds, build, constraints: as of ``optimize_design``.
+      steps: steps of the optimizer in each round.
+      optimizer: of optax. Default: as of ``optimize_design``.
+      designs: number of weights, and of random designs to start from.
+      seed: of the random designs.
+
+    Returns:
+      ``ParetoFront`` of what is not dominated among the designs found; none if no design kept the constraints.
+
+    Raises:
+      ValueError: fewer than two objectives or designs; bounds and params as of ``optimize_design``.
+
+    Example:
+      The points between 0 and 1 are the compromises between being near the one and near the other:
+
+      >>> front = pareto_front([lambda x: x**2, lambda x: (x - 1.0) ** 2], 0.3, bounds=(-2.0, 2.0), steps=50)
+      >>> bool(front.params.min() > -0.01), bool(front.params.max() < 1.01), len(front.values) > 50
+      (True, True, True)
+    """
+    import optax  # importing it with the package would cost a sixth of the time that JAX takes
+
+    if len(objectives) < 2 or designs < 2 or steps < 1:
+        raise ValueError(
+            f"Got {len(objectives)} objectives, designs={designs}, steps={steps}; expected at least 2, 2 and 1."
+        )
+    params, low, high = checked_bounds(params, bounds)
+    optimizer = optimizer or optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))
+    units = start_units(params, low, high, designs, seed)
+    dtype = jnp.result_type(jax.tree.leaves(params)[0])
+    weights = jnp.asarray(_weights(len(objectives), designs), dtype)
+
+    def scaled(unit):
+        return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
+
+    def measured(unit):
+        robot = build(scaled(unit))
+        return jnp.stack([jnp.asarray(objective(robot)) for objective in objectives]), slacks_of(constraints, robot)
+
+    def evaluate(unit, weight, spread):
+        values, slack = measured(unit)
+        return _scalar(values, weight, spread), slack
+
+    judge, step = jax.jit(jax.vmap(measured)), stepper(evaluate, optimizer)
+    archive = units, *judge(units)
+    for number in progress(range(_ROUNDS * steps), "front", "step"):
+        if number % steps == 0:
+            spread = _spread(*archive[1:])
+            suited = jnp.argmin(_cost(*archive[1:], weights, spread), axis=1)
+            state = begun(
+                jax.tree.map(lambda leaf, suited=suited: leaf[suited], archive[0]), optimizer, evaluate, weights, spread
+            )
+        state, _ = step(state, weights, spread, number % PERIOD == PERIOD - 1)
+        if number % steps == steps - 1:
+            found = state.best.units, *judge(state.best.units)
+            archive = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), archive, found)
+    archive = jax.tree.map(lambda leaf: leaf[designs:], archive)  # without the random designs
+    front = _efficient(*archive[1:])
+    best = jax.tree.map(lambda leaf: leaf[front], archive[0])
+    return ParetoFront(archive[1][front], jax.vmap(scaled)(best), _violation(archive[2][front]))
+
+
+def optimize_choices(
+    objective: Callable[..., Any], choices: Mapping[str, Mapping[str, Any]], **options: Any
+) -> dict[str, DesignResult]:
+    """Optimize each of several kinds of robot, for choices that are not numbers: a layout, a mode, a count.
+
+    Args:
+      objective: metric of a robot, as of ``optimize_design``.
+      choices: by name, the arguments of ``optimize_design`` that are the choice's own (``params``,
+        ``bounds``, ``build``, ...).
+      options: the arguments that all have in common.
+
+    Returns:
+      The ``DesignResult`` of every choice, by name, the best first; those without a valid design come last.
+
+    Raises:
+      ValueError: no choices; and as ``optimize_design``.
+
+    Example:
+      >>> choices = {str(n): {"params": 0.0, "build": lambda x, n=n: (x - n) ** 2 + n} for n in (2, 1)}
+      >>> results = optimize_choices(lambda robot: robot, choices, bounds=(-3.0, 3.0), steps=60)
+      >>> list(results)
+      ['1', '2']
+    """
+    if not choices:
+        raise ValueError("Got no choices; expected at least one.")
+    results = {name: optimize_design(objective, **{**options, **own}) for name, own in choices.items()}
+
+    def rank(result: DesignResult) -> tuple[bool, float]:
+        valid = result.status in (DesignStatus.IMPROVED, DesignStatus.NOT_IMPROVED)
+        kept = jnp.where(result.starts.violation <= ALLOWED, result.starts.objective, jnp.inf)
+        return not valid, float(jnp.min(kept))
+
+    return dict(sorted(results.items(), key=lambda item: rank(item[1])))
+
+
+def _weights(metrics: int, designs: int) -> np.ndarray:
+    """Evenly spread weights ``(designs, metrics)`` that add up to one; for two metrics from end to end."""
+    if metrics == 2:
+        first = np.linspace(0.01, 0.99, designs)
+        return np.stack([first, 1 - first], axis=1)
+    steps = 0.5 ** (np.arange(1, metrics + 1) / metrics)  # an additive recurrence
+    uniform = (0.5 + np.arange(designs)[:, None] * steps) % 1
+    shares = -np.log(np.clip(uniform, 1e-6, 1 - 1e-6))
+    return np.maximum(shares / shares.sum(axis=1, keepdims=True), 0.01)
+
+
+def _scalar(values: jax.Array, weight: jax.Array, spread: tuple[jax.Array, jax.Array]) -> jax.Array:
+    low, width = spread
+    parts = weight * (values - low) / width
+    return jnp.max(parts) + _TILT * jnp.sum(parts)
+
+
+def _violation(slack: jax.Array) -> jax.Array:
+    return jnp.max(jnp.maximum(-slack, 0), axis=1, initial=0)
+
+
+def _cost(values: jax.Array, slack: jax.Array, weights: jax.Array, spread: tuple[jax.Array, jax.Array]) -> jax.Array:
+    """How little each design suits each weight ``(weights, designs)``; any violation outweighs the metrics."""
+    cost = jax.vmap(jax.vmap(_scalar, (0, None, None)), (None, 0, None))(values, weights, spread)
+    short = jnp.maximum(_violation(slack) - ALLOWED, 0)
+    cost = cost + jnp.where(short > 0, 1e3 * (1 + short), 0)[None]
+    return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
+
+
+def _spread(values: jax.Array, slack: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """A point a little better than all that is efficient in every metric, and the range of the efficient designs."""
+    front = values[_efficient(values, slack)]
+    front = front if len(front) else values
+    low, high = jnp.nanmin(front, axis=0), jnp.nanmax(front, axis=0)
+    width = jnp.where(high > low, high - low, 1)
+    return low - 0.05 * width, width
+
+
+def _efficient(values: jax.Array, slack: jax.Array) -> np.ndarray:
+    """Numbers of the designs that keep the constraints and that no other such design dominates, by the first metric."""
+    kept = np.flatnonzero(np.all(np.isfinite(values), axis=1) & (np.asarray(_violation(slack)) <= ALLOWED))
+    points = np.asarray(values)[kept]
+    no_worse = np.all(points[:, None] <= points[None], axis=2)
+    same = no_worse & no_worse.T
+    dominated = np.any(no_worse & ~same, axis=0)
+    repeated = np.any(np.triu(same, 1), axis=0)
+    chosen = kept[~dominated & ~repeated]
+    return chosen[np.lexsort(np.asarray(values)[chosen].T[::-1])]
