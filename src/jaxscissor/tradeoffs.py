@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import optax
 
 _ROUNDS = 3
-_TILT = 0.02  # weight of the metrics' sum beside the greatest of them, so that none is worse than it need be
+_TILT = 0.01  # weight of the metrics' sum beside the greatest of them, so that none is worse than it need be
 
 
 @pytree
@@ -112,7 +112,7 @@ def pareto_front(
         if number % steps == steps - 1:
             found = state.best.units, *judge(state.best.units)
             archive = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), archive, found)
-    archive = jax.tree.map(lambda leaf: leaf[designs:], archive)  # without the random designs
+    archive = jax.tree.map(lambda leaf: leaf[-designs:], archive)  # those of the last round
     front = _efficient(*archive[1:])
     best = jax.tree.map(lambda leaf: leaf[front], archive[0])
     return ParetoFront(archive[1][front], jax.vmap(scaled)(best), _violation(archive[2][front]))
@@ -154,20 +154,19 @@ def optimize_choices(
 
 
 def _weights(metrics: int, designs: int) -> np.ndarray:
-    """Evenly spread weights ``(designs, metrics)`` that add up to one; for two metrics from end to end."""
+    """Evenly spread weights ``(designs, metrics)`` that add up to one; among them those of a single metric."""
     if metrics == 2:
-        first = np.linspace(0.01, 0.99, designs)
+        first = np.linspace(0, 1, designs)
         return np.stack([first, 1 - first], axis=1)
     steps = 0.5 ** (np.arange(1, metrics + 1) / metrics)  # an additive recurrence
-    uniform = (0.5 + np.arange(designs)[:, None] * steps) % 1
-    shares = -np.log(np.clip(uniform, 1e-6, 1 - 1e-6))
-    return np.maximum(shares / shares.sum(axis=1, keepdims=True), 0.01)
+    parts = -np.log((0.5 + np.arange(1, designs + 1)[:, None] * steps) % 1 + 1e-9)
+    return np.concatenate([np.eye(metrics), parts / parts.sum(axis=1, keepdims=True)])[:designs]
 
 
 def _scalar(values: jax.Array, weight: jax.Array, spread: tuple[jax.Array, jax.Array]) -> jax.Array:
     low, width = spread
-    parts = weight * (values - low) / width
-    return jnp.max(parts) + _TILT * jnp.sum(parts)
+    parts = (values - low) / width
+    return jnp.max(jnp.where(weight > 0, weight * parts, -jnp.inf)) + _TILT * jnp.sum(parts)
 
 
 def _violation(slack: jax.Array) -> jax.Array:
