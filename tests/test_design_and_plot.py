@@ -239,3 +239,17 @@ def test_a_certificate_compares_on_what_the_tuning_did_not_see():
     assert float(seen.after) == pytest.approx(1 - float(result.params[0]))
     assert float(seen.slack_after) == pytest.approx(float(jnp.min(result.params) - 0.5))
     assert float(seen.improvement) == pytest.approx(float(seen.before - seen.after))
+
+
+def test_constraints_that_are_not_defined_everywhere_count_as_violated_there():
+    """sqrt(x) >= 0.5 says nothing below zero, where x itself leads out."""
+    result = js.optimize_design(
+        lambda x: x**2,
+        -0.8,
+        bounds=(-1.0, 1.0),
+        constraints=[lambda x: x, lambda x: jnp.where(x > 0, js.safe_sqrt(x), jnp.nan) - 0.5],
+        steps=200,
+    )
+    assert result.history.violation[0, 0] == jnp.inf
+    assert float(result.params) == pytest.approx(0.25, abs=2e-3)
+    assert result.status is js.DesignStatus.IMPROVED

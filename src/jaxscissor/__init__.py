@@ -75,6 +75,8 @@ from jaxscissor.modes import plan_modes as plan_modes
 from jaxscissor.regions import Box as Box
 from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc
+from jaxscissor.regions import Region as Region
+from jaxscissor.regions import Sample as Sample
 from jaxscissor.scissor import Scissor as Scissor
 from jaxscissor.scott import Scott as Scott
 from jaxscissor.sensing import SensedMode as SensedMode

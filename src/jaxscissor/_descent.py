@@ -65,7 +65,9 @@ def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> S
 
     def lagrangian(unit, multipliers, own, shared):
         value, slack = evaluate(unit, own, shared)
-        short = jnp.maximum(multipliers.astype(slack.dtype) / _PENALTY - slack, 0)
+        slack = jnp.where(jnp.isnan(slack), -jnp.inf, slack)
+        pulls = jnp.where(slack > -jnp.inf, slack, jnp.inf)
+        short = jnp.maximum(multipliers.astype(slack.dtype) / _PENALTY - pulls, 0)
         return value + _PENALTY / 2 * jnp.sum(short**2).astype(value.dtype), (value, slack)
 
     @jax.jit
@@ -83,6 +85,7 @@ def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> S
             moved = _clipped(optax.apply_updates(unit, updates))
         violation = jnp.max(jnp.maximum(-slack, 0), initial=0)
         raised = jnp.maximum(multipliers - _PENALTY * slack.astype(multipliers.dtype), 0)
+        raised = jnp.where(slack > -jnp.inf, raised, multipliers)
         best = _better(descent.best, Seen(unit, value, violation), comparable)
         moved = Descent(moved, memory, jnp.where(raises, raised, multipliers), best)
         return moved, Sight(value, violation, raised, gradient)

@@ -176,7 +176,8 @@ def optimize_design(
       build: makes the robot of the parameters.
       optimizer: of optax, acting on parameters scaled to [0, 1]; ``optax.lbfgs()`` will do. Default: Adam
         with a learning rate that decays from 0.03 by a cosine.
-      constraints: functions of a robot, of order one, satisfied where every entry is >= 0.
+      constraints: functions of a robot, of order one, satisfied where every entry is >= 0. An entry that is
+        ``nan``, of a pose that is not reached, counts as violated but does not pull: give the margin, too.
       starts: number of starts; those after the first are random within the bounds.
       seed: of the random starts.
       poses: ``(n, d)`` poses, or a sample of a region, for an ``objective(robot, poses)``.
