@@ -62,6 +62,7 @@ class Judge:
         self.began, self.count, self.least = time.perf_counter(), 0, np.inf
 
     def __call__(self, units):
+        """Costs of a population, for a search that knows no constraints."""
         value, violation = map(np.asarray, self.judge(jnp.asarray(units)))
         kept = np.isfinite(value) & (violation <= ALLOWED)
         self.least = min(self.least, value[kept].min(initial=np.inf))
