@@ -13,24 +13,11 @@ from jax import lax
 from jax.sharding import Mesh
 
 from jaxscissor._fence import fence
-from jaxscissor._pytree import as_floats, float_dtype, pytree
+from jaxscissor._pytree import float_dtype
+from jaxscissor._samples import checked_sample
 from jaxscissor._sweep import Plan, add_up, planned
-from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Sample
-
-
-@pytree
-class _Listed:
-    """Poses that are stored, behind the interface of a sample."""
-
-    array: jax.Array
-
-    def __len__(self) -> int:
-        return self.array.shape[0]
-
-    def poses(self, indices: jax.Array) -> jax.Array:
-        return self.array[indices]
 
 
 def workspace_fraction(
@@ -47,7 +34,7 @@ def workspace_fraction(
       robot: the robot. The fraction is a count, so its derivative is zero: see
         ``soft_workspace_fraction``.
       poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk so that memory
-        does not grow with their number.
+        does not grow with their number; of an ``Oriented`` region, positions are counted.
       chunk_size: poses evaluated together; for a batch of robots (``vmap``) divide it by their number.
       mesh: every device of it works chunks of its own, on many hosts too, and the counts are added up at
         the end. All processes call with the same arguments. Stored poses are copied to every device.
@@ -68,7 +55,7 @@ def workspace_fraction(
       >>> round(float(js.workspace_fraction(robot, sample)), 2)
       0.29
     """
-    robot, sample = _checked(robot, poses)
+    robot, sample = checked_sample(robot, poses)
     plan = planned(len(sample), chunk_size, mesh, checkpoint)
     reached = add_up(_count, None, plan, jnp.uint32(0), {"robot": robot, "sample": _without_size(sample)})
     return reached.astype(float_dtype(robot)) / len(sample)
@@ -114,23 +101,10 @@ def soft_workspace_fraction(
       >>> bool(gradient.link_lengths[0] > 0)  # a longer lowest bar widens the workspace
       True
     """
-    robot, sample = _checked(robot, poses)
+    robot, sample = checked_sample(robot, poses)
     plan = planned(len(sample), chunk_size, mesh, checkpoint)
     sharpness = jnp.asarray(sharpness, float_dtype(robot))
     return _soft(plan, robot, lax.stop_gradient(_without_size(sample)), lax.stop_gradient(sharpness))
-
-
-def _checked(robot: Mechanism, poses: Any) -> tuple[Any, Any]:
-    sample = poses if isinstance(poses, Sample) else _Listed(jnp.asarray(poses))
-    if not len(sample):
-        raise ValueError("Got no poses; the fraction of an empty sample is not defined.")
-    shape = jax.eval_shape(sample.poses, jax.ShapeDtypeStruct((1,), jnp.uint32)).shape
-    if shape[1:] != (robot.space.dimension,):
-        raise ValueError(
-            f"Got poses of shape {shape[1:]}; {type(robot).__name__} expects (n, {robot.space.dimension}) = "
-            f"n times ({', '.join(robot.space.names)})."
-        )
-    return as_floats(robot)[0], sample
 
 
 def _without_size(sample: Any) -> Any:
@@ -141,7 +115,7 @@ def _without_size(sample: Any) -> Any:
 
 
 def _count(_, total, numbers, counted, robot, sample) -> jax.Array:
-    reached = jax.vmap(lambda pose: reached_margin(robot, pose) >= 0)(fence(sample.poses(numbers)))
+    reached = jax.vmap(lambda pose: sample.margin(robot, pose) >= 0)(fence(sample.poses(numbers)))
     return total + jnp.sum(reached & counted, dtype=jnp.uint32)
 
 
@@ -172,7 +146,7 @@ def _add_soft_gradient(_, totals, *case, robot, sample, sharpness):
 
 def _soft_sum(robot, sample, sharpness, numbers, counted) -> jax.Array:
     poses = fence(sample.poses(numbers))
-    margins = fence(jax.vmap(lambda pose: reached_margin(robot, pose))(poses))
+    margins = fence(jax.vmap(lambda pose: sample.margin(robot, pose))(poses))
     soft = _smooth_step(sharpness * margins)
     return jnp.sum(jnp.where(counted, soft, 0))
 
