@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from tests.conftest import ROBOTS
+from tests.toys import Planar3RPR
 
 
 @pytest.fixture
@@ -71,3 +73,97 @@ def test_poses_where_a_quantity_is_not_defined_do_not_count(prototype):
 def test_poses_of_another_robot_are_refused(robot):
     with pytest.raises(ValueError, match="Got poses of shape"):
         js.task_metrics(robot, np.zeros((2, 6)))
+
+
+def margin_of(robot, pose):
+    return js.feasibility(robot, pose).margin
+
+
+@pytest.mark.parametrize("name", ["worst", "mean", "slope of the worst", "slope of the mean"])
+def test_memory_does_not_grow_with_the_number_of_poses(name):
+    robot, region = Planar3RPR.example(), js.Disc([0.45, 0.35], 0.8, -0.5, 0.5)
+    programs = {
+        "worst": lambda r, sample: js.worst_case(margin_of, r, sample).value,
+        "mean": lambda r, sample: js.mean_case(margin_of, r, sample),
+    }
+    plain = programs[name.split()[-1]]
+    program = jax.grad(plain) if name.startswith("slope") else plain
+
+    def temporary(count):
+        compiled = jax.jit(program).lower(robot, region.quasi_random(count)).compile()
+        return compiled.memory_analysis().temp_size_in_bytes
+
+    few, many = temporary(10**5), temporary(10**8)
+    assert many < 1.02 * few, "the poses alone would need a thousand times as much"
+
+
+def test_lazy_samples_stored_poses_and_orientations_give_the_same(robot):
+    disc = js.Disc([45.0, 26.0], 24.0, -0.4, 0.6)
+    lazy = disc.quasi_random(40_000)
+    for number in (300, 40_000):
+        found, stored = (js.worst_case(margin_of, robot, poses) for poses in (disc.quasi_random(number), lazy[:number]))
+        assert found.value == stored.value and (found.pose == stored.pose).all()
+    margins = jax.vmap(margin_of, (None, 0))(robot, lazy[:])
+    assert stored.value == margins.min() and (stored.pose == lazy[:][margins.argmin()]).all()
+    assert float(js.mean_case(margin_of, robot, lazy)) == pytest.approx(float(margins.mean()), rel=1e-12)
+    turned = js.Oriented(disc, [[0.3], [-0.2], [0.1]]).quasi_random(200)
+    each = turned[:].reshape(-1, 3)
+    worst = js.worst_case(margin_of, robot, turned)
+    assert worst.value == js.worst_case(margin_of, robot, each).value and float(worst.pose[2]) in (0.3, -0.2, 0.1)
+    means = [float(js.mean_case(margin_of, robot, poses)) for poses in (turned, each)]
+    assert means[0] == pytest.approx(means[1], rel=1e-12)
+
+
+def near_home(robot, count):
+    """Poses about home, of which some are not reached, with the dependent coordinates as they come."""
+    home, shifts = robot.home()[0], robot.space.translations
+    reach = jnp.array([0.3 * float(robot.length)] * shifts + [0.25] * (robot.space.dimension - shifts))
+    return js.Box(home - reach, home + reach).quasi_random(count)
+
+
+@pytest.mark.parametrize(
+    "name", ["tse_prototype", "stewart_gough", "tri_scott_skewed", "micabo", "navaro_mode_6", "three_prs"]
+)
+def test_metrics_of_every_robot_agree_with_plain_loops_and_differences(name, rng):
+    robot = ROBOTS[name]()
+    sample = near_home(robot, 60)
+    way = jax.tree.map(lambda leaf: jnp.where(jnp.isfinite(leaf), leaf, 0) * rng.normal(size=leaf.shape), robot)
+    steps = 1e-6 * jnp.array([0.0, 1.0, -1.0])
+    designs = jax.vmap(lambda step: jax.tree.map(lambda leaf, d: leaf + step * d, robot, way))(steps)
+
+    def tuned(robot):
+        found = js.task_metrics(robot, sample)
+        mean = js.mean_case(joints_of, robot, sample)
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in (*jax.tree.leaves(found), mean)])
+
+    values, slopes = jax.jit(jax.vmap(lambda robot, way: jax.jvp(tuned, (robot,), (way,)), (0, None)))(designs, way)
+    differences = (values[1] - values[2]) / 2e-6
+    np.testing.assert_allclose(slopes[0], differences, rtol=1e-5, atol=1e-5 * float(jnp.abs(differences).max()))
+
+    @jax.jit
+    @jax.vmap
+    def plain(pose):
+        whole = js.constrained_pose(robot, pose)
+        solution, measures = js.inverse_kinematics(robot, whole.value), js.singularity(robot, whole.value)
+        gears = js.gear_ratios(robot, whole.value).translation
+        return (
+            js.feasibility(robot, whole.value).margin,
+            gears[0] / gears[-1],
+            jnp.abs(measures.type1).min(),
+            jnp.abs(measures.type2),
+            solution.value,
+            whole.converged & solution.converged,
+        )
+
+    margins, *others, joints, reached = map(np.asarray, plain(sample[:]))
+    joints = joints[reached]
+    assert 5 < reached.sum() and (margins >= 0).any()
+    least = [margins.min(), *(other[reached].min() for other in others), *joints.min(axis=0), *joints.max(axis=0)]
+    np.testing.assert_allclose(values[0][: len(least)], least, rtol=1e-9)
+    np.testing.assert_allclose(values[0][len(least) + 1 :], joints.mean(axis=0), rtol=1e-9)
+
+
+def joints_of(robot, pose):
+    whole = js.constrained_pose(robot, pose)
+    solution = js.inverse_kinematics(robot, whole.value)
+    return jnp.where(whole.converged & solution.converged, solution.value, jnp.nan)

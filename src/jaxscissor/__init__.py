@@ -72,6 +72,8 @@ from jaxscissor.mobility import Topology as Topology
 from jaxscissor.modes import ModePlan as ModePlan
 from jaxscissor.modes import PlanStatus as PlanStatus
 from jaxscissor.modes import plan_modes as plan_modes
+from jaxscissor.reach import height_range as height_range
+from jaxscissor.reach import reach_along as reach_along
 from jaxscissor.regions import Box as Box
 from jaxscissor.regions import Cylinder as Cylinder
 from jaxscissor.regions import Disc as Disc
@@ -83,6 +85,8 @@ from jaxscissor.sensing import SensedMode as SensedMode
 from jaxscissor.sensing import sensed_mode as sensed_mode
 from jaxscissor.singularity import Singularity as Singularity
 from jaxscissor.singularity import singularity as singularity
+from jaxscissor.tasks import Oriented as Oriented
+from jaxscissor.tasks import Path as Path
 from jaxscissor.tradeoffs import ParetoFront as ParetoFront
 from jaxscissor.tradeoffs import optimize_choices as optimize_choices
 from jaxscissor.tradeoffs import pareto_front as pareto_front

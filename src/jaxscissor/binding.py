@@ -10,11 +10,11 @@ import numpy as np
 
 from jaxscissor._fence import fence
 from jaxscissor._pytree import float_dtype, pytree, static
+from jaxscissor._samples import checked_sample, each_pose, without_size
 from jaxscissor._sweep import add_up, planned
 from jaxscissor.constraints import constrained_pose
 from jaxscissor.feasibility import margins_of_legs
 from jaxscissor.mechanisms._contract import Mechanism
-from jaxscissor.workspace import checked_sample, without_size
 
 
 @pytree
@@ -69,6 +69,7 @@ def binding_limits(robot: Mechanism, poses: Any, *, chunk_size: int | None = Non
       (0.28, ('shortest leg', 'longest leg'))
     """
     robot, sample = checked_sample(robot, poses)
+    sample = each_pose(sample)
     plan = planned(len(sample), chunk_size, None, None)
     shape = jax.eval_shape(lambda: margins_of_legs(robot, robot.home()[0])).shape
     zero = jnp.zeros((), float_dtype(robot))

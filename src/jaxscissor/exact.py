@@ -13,13 +13,13 @@ from jax import lax
 from jax.sharding import Mesh
 
 from jaxscissor._batching import CHUNK
+from jaxscissor._bracket import last_inside
 from jaxscissor._fence import fence
 from jaxscissor._numerics import safe_divide
 from jaxscissor._pytree import as_floats
 from jaxscissor._sweep import Plan, add_up, planned
-from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
-from jaxscissor.regions import Box, Region, Sample
+from jaxscissor.regions import Box, Region, Sample, pose_shape
 
 _PARTS = 8  # samplings whose changes of sign are refined together
 _BLOCK = 512  # places on the rays that are refined at once
@@ -76,8 +76,8 @@ def exact_workspace_fraction(
 
     Args:
       robot: the robot; every array in it is differentiable, once.
-      region: ``Cylinder``, ``Box`` or ``Disc``; its arrays are differentiable, too.
-      rays: number of rays along each axis.
+      region: ``Cylinder``, ``Box``, ``Disc``, ``Oriented`` or ``Path``; its arrays are differentiable, too.
+      rays: number of rays along each axis; one where there is no other axis, as of a ``Path``.
       axes: coordinates of the unit cube along which rays run; 0 is the radius of a cylinder or disc, and the
         first coordinate of a box. The region must have an extent in them.
       cells: cells along each ray.
@@ -109,6 +109,7 @@ def exact_workspace_fraction(
     _check(robot, region, rays, axes, cells)
     others = region.unit_dimension - 1
     dtype = jax.tree.leaves(region)[0].dtype
+    rays = rays if others else 1
     sample = Box(jnp.zeros(others, dtype), jnp.ones(others, dtype)).quasi_random(rays, seed)
     part = max(CHUNK // cells, 1)
     plan = planned(rays * len(axes), part * _PARTS, mesh, checkpoint)
@@ -123,8 +124,8 @@ def _check(robot: Mechanism, region: Region, rays: int, axes: tuple[int, ...], c
         raise ValueError(f"Got rays={rays} and cells={cells}; expected at least one of each.")
     if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(range(dimension)):
         raise ValueError(f"Got axes={axes}; expected some of the axes 0 to {dimension - 1} of the region's unit cube.")
-    shape = jax.eval_shape(region.from_unit, jax.ShapeDtypeStruct((dimension,), jax.tree.leaves(region)[0].dtype)).shape
-    if shape != (robot.space.dimension,):
+    shape = pose_shape(region)
+    if shape[-1] != robot.space.dimension:
         raise ValueError(
             f"Got a region of poses {shape}; {type(robot).__name__} expects ({robot.space.dimension},) = "
             f"({', '.join(robot.space.names)})."
@@ -161,15 +162,14 @@ def _line(axes: tuple[int, ...], sample: Sample, number: jax.Array) -> tuple[jax
     others = sample.pose(number // len(axes))
     axis = jnp.array(axes)[number % len(axes)]
     places = jnp.arange(others.shape[0] + 1)
-    ahead = jnp.concatenate([others, jnp.zeros_like(others[:1])])
-    behind = jnp.concatenate([jnp.zeros_like(others[:1]), others])
+    ahead, behind = jnp.pad(others, (0, 1)), jnp.pad(others, (1, 0))
     start = jnp.where(places < axis, ahead, jnp.where(places > axis, behind, 0))
     return start, (places == axis).astype(others.dtype)
 
 
 def _margin(design: tuple[Mechanism, Region], start: jax.Array, direction: jax.Array, point: jax.Array) -> jax.Array:
     robot, region = design
-    return reached_margin(robot, region.from_unit(start + point * direction))
+    return region.margin(robot, region.from_unit(start + point * direction))
 
 
 def _chunk(settings: _Settings, design, lines, counted, totals):
@@ -185,7 +185,7 @@ def _chunk(settings: _Settings, design, lines, counted, totals):
         at_low, at_high = (rays.margins[row, cell + i] for i in (0, 1))
         line = rays.starts[row], rays.directions[row]
         sign = jnp.where(used, jnp.where(inside[row, cell], 1, -1), 0).astype(low.dtype)
-        point, beyond, left = _last_inside(lambda t: margins(design, *line, t), low, high, at_low, at_high, used)
+        point, beyond, left = last_inside(lambda t: margins(design, *line, t), low, high, at_low, at_high, used)
         _, pull = jax.vjp(lambda d, start: margins(d, start, line[1], point), design, line[0])
         slopes = fence(pull(jnp.ones_like(point))[1])
         slope = jnp.sum(slopes * line[1], axis=1)
@@ -278,39 +278,3 @@ def _lowest(function, points, heights) -> tuple[jax.Array, jax.Array]:
 
     (_, point, _), (_, height, _) = lax.fori_loop(0, _SHRINKS, step, (points, heights))
     return point, height
-
-
-def _last_inside(function, low, high, at_low, at_high, used) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Points on both sides of a change of sign, the one that is not negative first, and the value at that.
-
-    So near that one Newton step from the first, which has no kink before it, gives the root to rounding.
-    Interpolate, truncate, project [Oliveira and Takahashi, ACM TOMS 47, 2020]: nearly as fast as secants on
-    smooth functions and, one step aside, never slower than bisection on others.
-    """
-    width = float(jnp.finfo(low.dtype).eps) ** 0.75
-    first = jnp.where(used, high - low, 1)
-    steps = jnp.ceil(jnp.log2(jnp.max(first) / width)).astype(jnp.int32) + 1
-
-    def unfinished(state):
-        count, low, high, *_ = state
-        return jnp.any(used & (high - low > width)) & (count <= steps)
-
-    def step(state):
-        count, low, high, at_low, at_high = state
-        middle, half = (low + high) / 2, (high - low) / 2
-        secant = low + (high - low) * safe_divide(at_low, at_low - at_high)
-        secant = jnp.where(jnp.isfinite(secant), secant, middle)
-        off = jnp.abs(middle - secant)
-        aside = jnp.maximum(0.2 / first * (high - low) ** 2, width / 2)
-        room = jnp.maximum(width / 2 * 2.0 ** (steps - count).astype(low.dtype) - half, 0)
-        point = middle - jnp.sign(middle - secant) * jnp.minimum(jnp.maximum(off - aside, 0), room)
-        value = function(point)
-        as_low = (value >= 0) == (at_low >= 0)
-        low, at_low = jnp.where(as_low, point, low), jnp.where(as_low, value, at_low)
-        high, at_high = jnp.where(as_low, high, point), jnp.where(as_low, at_high, value)
-        return count + 1, low, high, at_low, at_high
-
-    _, low, high, at_low, at_high = lax.while_loop(unfinished, step, (jnp.int32(0), low, high, at_low, at_high))
-    inside = at_low >= 0
-    first, last = jnp.where(inside, low, high), jnp.where(inside, high, low)
-    return jnp.where(used, first, 0.5), jnp.where(used, last, 0.5), jnp.where(inside, at_low, at_high)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,9 +11,12 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._batching import CHUNK
+from jaxscissor._fence import fence
 from jaxscissor._legs import place
 from jaxscissor._numerics import safe_sqrt
-from jaxscissor._pytree import as_floats, pytree
+from jaxscissor._pytree import pytree
+from jaxscissor._samples import checked_sample, each_pose
+from jaxscissor.constraints import constrained_pose
 from jaxscissor.dexterity import gear_ratios
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.kinematics import inverse_kinematics
@@ -39,7 +43,8 @@ def worst_case(quantity: Quantity, robot: Mechanism, poses: Any) -> WorstCase:
     Args:
       quantity: function of a robot and a pose, ``()`` or ``(k,)``; poses at which it is ``nan`` do not count.
       robot: the robot; every array in it is differentiable.
-      poses: ``(n, d)`` poses, or a sample of a region; they are held fixed.
+      poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk so that memory does
+        not grow with their number; of an ``Oriented`` region, each with every orientation. They are held fixed.
 
     Returns:
       ``WorstCase``; ``nan`` where the quantity is defined at no pose.
@@ -55,14 +60,25 @@ def worst_case(quantity: Quantity, robot: Mechanism, poses: Any) -> WorstCase:
       >>> bool(worst.value >= 0)  # the robot covers the task
       True
     """
-    robot, poses = _checked(robot, poses)
-    values = lax.map(lambda pose: quantity(lax.stop_gradient(robot), pose), poses, batch_size=CHUNK)
-    least = jnp.argmin(jnp.where(jnp.isnan(values), jnp.inf, values), axis=0)
-    if values.ndim == 1:
-        return WorstCase(quantity(robot, poses[least]), poses[least])
-    entries = jnp.arange(values.shape[1])
-    worst = jax.vmap(lambda pose, entry: quantity(robot, pose)[entry])(poses[least], entries)
-    return WorstCase(worst, poses[least])
+    robot, sample = _checked(robot, poses)
+    shape = _value_shape(quantity, robot, sample)
+    frozen = lax.stop_gradient(robot)
+
+    def keep(turn, best):
+        least, numbers = best
+        values, here = _values(quantity, frozen, sample, turn)
+        values = lax.stop_gradient(jnp.where(jnp.isnan(values), jnp.inf, values))
+        lowest, at = jnp.min(values, axis=0), jnp.argmin(values, axis=0)
+        return jnp.minimum(least, lowest), jnp.where(lowest < least, here[at], numbers)
+
+    start = jnp.full(shape.shape, jnp.inf, shape.dtype), jnp.zeros(shape.shape, jnp.uint32)
+    _, numbers = lax.fori_loop(0, _chunks(sample)[1], keep, start)
+    if not shape.shape:
+        pose = lax.stop_gradient(sample.pose(numbers))
+        return WorstCase(quantity(robot, pose), pose)
+    worst = lax.stop_gradient(sample.poses(numbers))
+    values = jax.vmap(lambda pose, entry: quantity(robot, pose)[entry])(worst, jnp.arange(len(worst)))
+    return WorstCase(values, worst)
 
 
 def mean_case(quantity: Quantity, robot: Mechanism, poses: Any) -> jax.Array:
@@ -71,7 +87,8 @@ def mean_case(quantity: Quantity, robot: Mechanism, poses: Any) -> jax.Array:
     Args:
       quantity: function of a robot and a pose, ``()`` or ``(k,)``; poses at which it is ``nan`` do not count.
       robot: the robot; every array in it is differentiable.
-      poses: ``(n, d)`` poses, or a sample of a region; they are held fixed.
+      poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk so that memory does
+        not grow with their number; of an ``Oriented`` region, each with every orientation. They are held fixed.
 
     Returns:
       ``()`` or ``(k,)``; ``nan`` where the quantity is defined at no pose. Poses that become defined as the
@@ -87,11 +104,20 @@ def mean_case(quantity: Quantity, robot: Mechanism, poses: Any) -> jax.Array:
       >>> bool(js.mean_case(lambda robot, pose: js.feasibility(robot, pose).margin, robot, task) > 0)
       True
     """
-    robot, poses = _checked(robot, poses)
-    values = lax.map(jax.checkpoint(lambda pose: quantity(robot, pose)), poses, batch_size=CHUNK)
-    defined = ~jnp.isnan(values)
-    count = jnp.sum(defined, axis=0).astype(values.dtype)
-    total = jnp.sum(jnp.where(defined, values, 0), axis=0)
+    robot, sample = _checked(robot, poses)
+    shape = _value_shape(quantity, robot, sample)
+
+    @partial(jax.checkpoint, prevent_cse=False)
+    def sums(robot, turn):
+        values, _ = _values(quantity, robot, sample, turn)
+        defined = ~jnp.isnan(values)
+        return jnp.sum(jnp.where(defined, values, 0), axis=0), jnp.sum(defined, axis=0).astype(values.dtype)
+
+    def add(turn, totals):
+        return jax.tree.map(jnp.add, totals, sums(robot, turn))
+
+    zero = jnp.zeros(shape.shape, shape.dtype)
+    total, count = lax.fori_loop(0, _chunks(sample)[1], add, (zero, zero))
     return jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
 
 
@@ -121,7 +147,8 @@ def task_metrics(robot: Mechanism, poses: Any) -> TaskMetrics:
 
     Args:
       robot: the robot; every array in it is differentiable.
-      poses: ``(n, d)`` poses, or a sample of a region; they are held fixed.
+      poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk so that memory does
+        not grow with their number; of an ``Oriented`` region, each with every orientation. They are held fixed.
 
     Returns:
       ``TaskMetrics``; ``nan``, but for the margin, where the home mode reaches no pose. For other
@@ -144,15 +171,16 @@ def task_metrics(robot: Mechanism, poses: Any) -> TaskMetrics:
 
 
 def _all_measures(robot: Mechanism, pose: jax.Array) -> jax.Array:
-    """What must not be small at a pose."""
+    """What must not be small at a pose, once its dependent coordinates are solved for."""
+    margin, whole = reached_margin(robot, pose), constrained_pose(robot, pose)
+    pose = jnp.where(whole.converged, whole.value, lax.stop_gradient(robot.home()[0]))
     solution = inverse_kinematics(robot, pose)
-    joints = jnp.where(solution.converged, solution.value, jnp.nan)
     measures = singularity(robot, pose)
     gears = gear_ratios(robot, pose).translation
-    reach = jnp.where(solution.converged, _horizontal_reach(robot, pose, solution.value), jnp.nan)
-    type1 = jnp.min(jnp.abs(measures.type1))
-    scalars = [reached_margin(robot, pose), gears[0] / gears[-1], type1, jnp.abs(measures.type2), -reach]
-    return jnp.concatenate([jnp.stack(scalars), joints, -joints])
+    type1, reach = jnp.min(jnp.abs(measures.type1)), _horizontal_reach(robot, pose, solution.value)
+    scalars = jnp.stack([gears[0] / gears[-1], type1, jnp.abs(measures.type2), -reach])
+    found = jnp.concatenate([scalars, solution.value, -solution.value])
+    return jnp.concatenate([margin[None], jnp.where(whole.converged & solution.converged, found, jnp.nan)])
 
 
 def _horizontal_reach(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> jax.Array:
@@ -162,11 +190,25 @@ def _horizontal_reach(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> j
     return jnp.max(jnp.stack([safe_sqrt(end.x**2 + end.y**2) for end in ends])) if ends else jnp.zeros_like(pose[0])
 
 
-def _checked(robot: Mechanism, poses: Any) -> tuple[Mechanism, jax.Array]:
-    robot, poses = as_floats(robot, jnp.asarray(poses))
-    if poses.ndim != 2 or not len(poses) or poses.shape[1] != robot.space.dimension:
-        raise ValueError(
-            f"Got poses of shape {poses.shape}; {type(robot).__name__} expects (n, {robot.space.dimension}) = n times "
-            f"({', '.join(robot.space.names)}), at least one."
-        )
-    return robot, lax.stop_gradient(poses)
+def _checked(robot: Mechanism, poses: Any) -> tuple[Mechanism, Any]:
+    robot, sample = checked_sample(robot, poses)
+    return robot, lax.stop_gradient(each_pose(sample))
+
+
+def _chunks(sample: Any) -> tuple[int, int]:
+    """Size and number of the chunks in which a sample is worked, so that memory does not grow with it."""
+    size = min(CHUNK, len(sample))
+    return size, -(-len(sample) // size)
+
+
+def _value_shape(quantity: Quantity, robot: Mechanism, sample: Any) -> jax.ShapeDtypeStruct:
+    return jax.eval_shape(lambda: quantity(robot, sample.pose(0)))
+
+
+def _values(quantity: Quantity, robot: Mechanism, sample: Any, turn: Any) -> tuple[jax.Array, jax.Array]:
+    """Values of the poses of a chunk, and their numbers; ``nan`` for those that only fill the last chunk."""
+    chunk, _ = _chunks(sample)
+    numbers = jnp.asarray(turn).astype(jnp.uint32) * jnp.uint32(chunk) + jnp.arange(chunk, dtype=jnp.uint32)
+    counted = numbers < len(sample)
+    poses = fence(sample.poses(jnp.where(counted, numbers, 0)))
+    return jax.vmap(lambda pose, there: jnp.where(there, quantity(robot, pose), jnp.nan))(poses, counted), numbers

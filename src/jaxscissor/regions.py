@@ -10,7 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxscissor._numerics import Scalar
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, static
+from jaxscissor.feasibility import reached_margin
+from jaxscissor.mechanisms._contract import Mechanism
 
 
 class Region:
@@ -24,6 +27,25 @@ class Region:
     def from_unit(self, unit: Any) -> jax.Array:
         """Pose ``(d,)`` of a point ``(unit_dimension,)`` of the unit cube."""
         raise NotImplementedError
+
+    def margin(self, robot: Mechanism, pose: jax.Array) -> Scalar:
+        """Margin of a robot for what ``from_unit`` returns: >= 0 where it counts as reached."""
+        return reached_margin(robot, pose)
+
+    @property
+    def volume(self) -> jax.Array:
+        """Product of the extents that are not zero, in units of the pose coordinates: lengths and radians.
+
+        Times ``exact_workspace_fraction``, or any other fraction, it is the volume that a robot reaches.
+
+        Raises:
+          ValueError: a region whose measure is not that of the pose coordinates.
+
+        Example:
+          >>> print(f"{float(Disc([0.0, 0.0], 2.0, 0.0, 0.0).volume / math.pi):.6f}")  # an area: the angle is fixed
+          4.000000
+        """
+        raise ValueError(f"Got the volume of a {type(self).__name__}, which has none.")
 
     def grid(self, shape: Sequence[int]) -> Sample:
         """Centres of equal cells, ``shape`` many along each axis of the unit cube, the last one fastest.
@@ -46,6 +68,12 @@ class Region:
             raise ValueError(f"Got n = {n}; expected 1 to 2^31 - 1 points.")
         shift = np.random.default_rng(seed).integers(0, 2**32, self.unit_dimension, dtype=np.uint32)
         return Sample(self, jnp.asarray(shift), (), int(n))
+
+
+def pose_shape(region: Region) -> tuple[int, ...]:
+    """Shape of what ``from_unit`` returns."""
+    unit = jax.ShapeDtypeStruct((region.unit_dimension,), jax.tree.leaves(region)[0].dtype)
+    return jax.eval_shape(region.from_unit, unit).shape
 
 
 @pytree
@@ -79,11 +107,15 @@ class Sample:
             unit = [(cell.astype(dtype) + 0.5) / count for cell, count in zip(cells, self.counts, strict=True)]
         else:
             unit = self._recurrence(index)
-        return jnp.stack(unit)
+        return jnp.stack(unit) if unit else jnp.zeros(0, jax.tree.leaves(self.region)[0].dtype)
 
     def poses(self, indices: Any) -> jax.Array:
         """Poses ``(m, d)`` with these numbers."""
         return jax.vmap(self.pose)(indices)
+
+    def margin(self, robot: Mechanism, pose: jax.Array) -> Scalar:
+        """Margin of a robot at a pose of the region."""
+        return self.region.margin(robot, pose)
 
     def __getitem__(self, key: slice) -> jax.Array:
         if not isinstance(key, slice):
@@ -153,6 +185,17 @@ class Cylinder(Region):
         """3 for one orientation, 6 for a range."""
         return 3 if self.orientation.ndim == 1 else 6
 
+    @property
+    def volume(self) -> jax.Array:
+        """Of the cylinder, times the ranges of orientation, in radians, that are not zero."""
+        if self.measure != "volume":
+            raise ValueError(
+                "Got the volume of a cylinder with measure='paper', which is not that of its volume: a fraction times "
+                "this is no volume. Pass measure='volume'."
+            )
+        turns = _extent(*self.orientation) if self.orientation.ndim == 2 else 1
+        return math.pi * self.radius**2 * self.height * turns
+
     def from_unit(self, unit: jax.Array) -> jax.Array:
         """Pose (x, y, z, roll, pitch, yaw) of a point (radius, angle, height, ...) of the unit cube."""
         radius = self.radius * (unit[0] if self.measure == "paper" else jnp.sqrt(unit[0]))
@@ -196,6 +239,11 @@ class Box(Region):
         """The dimension of the poses."""
         return self.low.shape[0]
 
+    @property
+    def volume(self) -> jax.Array:
+        """Product of the extents that are not zero."""
+        return _extent(self.low, self.high)
+
     def from_unit(self, unit: jax.Array) -> jax.Array:
         """Pose between low and high."""
         return self.low + (self.high - self.low) * unit
@@ -237,9 +285,19 @@ class Disc(Region):
         """Radius, direction, angle."""
         return 3
 
+    @property
+    def volume(self) -> jax.Array:
+        """Area of the disc, times the range of the angle, in radians, if that is not zero."""
+        return math.pi * self.radius**2 * _extent(self.low_angle, self.high_angle)
+
     def from_unit(self, unit: jax.Array) -> jax.Array:
         """Pose (x, y, alpha) of a point (radius, direction, angle) of the unit cube."""
         radius, angle = self.radius * jnp.sqrt(unit[0]), 2 * math.pi * unit[1]
         offset = jnp.stack([radius * jnp.cos(angle), radius * jnp.sin(angle)])
         alpha = self.low_angle + (self.high_angle - self.low_angle) * unit[2]
         return jnp.concatenate([self.center + offset, alpha[None]])
+
+
+def _extent(low: jax.Array, high: jax.Array) -> jax.Array:
+    """Product of the differences that are not zero."""
+    return jnp.prod(jnp.where(high == low, 1, high - low))

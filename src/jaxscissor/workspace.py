@@ -13,24 +13,10 @@ from jax import lax
 from jax.sharding import Mesh
 
 from jaxscissor._fence import fence
-from jaxscissor._pytree import as_floats, float_dtype, pytree
+from jaxscissor._pytree import float_dtype
+from jaxscissor._samples import checked_sample, without_size
 from jaxscissor._sweep import Plan, add_up, planned
-from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
-from jaxscissor.regions import Sample
-
-
-@pytree
-class _Listed:
-    """Poses that are stored, behind the interface of a sample."""
-
-    array: jax.Array
-
-    def __len__(self) -> int:
-        return self.array.shape[0]
-
-    def poses(self, indices: jax.Array) -> jax.Array:
-        return self.array[indices]
 
 
 def workspace_fraction(
@@ -47,7 +33,7 @@ def workspace_fraction(
       robot: the robot. The fraction is a count, so its derivative is zero: see
         ``soft_workspace_fraction``.
       poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk so that memory
-        does not grow with their number.
+        does not grow with their number; of an ``Oriented`` region, positions are counted.
       chunk_size: poses evaluated together; for a batch of robots (``vmap``) divide it by their number.
       mesh: every device of it works chunks of its own, on many hosts too, and the counts are added up at
         the end. All processes call with the same arguments. Stored poses are copied to every device.
@@ -120,29 +106,8 @@ def soft_workspace_fraction(
     return _soft(plan, robot, lax.stop_gradient(without_size(sample)), lax.stop_gradient(sharpness))
 
 
-def checked_sample(robot: Mechanism, poses: Any) -> tuple[Any, Any]:
-    """Robot of floats, and the poses behind the interface of a sample."""
-    sample = poses if isinstance(poses, Sample) else _Listed(jnp.asarray(poses))
-    if not len(sample):
-        raise ValueError("Got no poses; the fraction of an empty sample is not defined.")
-    shape = jax.eval_shape(sample.poses, jax.ShapeDtypeStruct((1,), jnp.uint32)).shape
-    if shape[1:] != (robot.space.dimension,):
-        raise ValueError(
-            f"Got poses of shape {shape[1:]}; {type(robot).__name__} expects (n, {robot.space.dimension}) = "
-            f"n times ({', '.join(robot.space.names)})."
-        )
-    return as_floats(robot)[0], sample
-
-
-def without_size(sample: Any) -> Any:
-    """The sample with its length taken out of the structure, so that another length does not recompile."""
-    if isinstance(sample, Sample) and not sample.counts:
-        return Sample(sample.region, sample.shift, (), 0)
-    return sample
-
-
 def _count(_, total, numbers, counted, robot, sample) -> jax.Array:
-    reached = jax.vmap(lambda pose: reached_margin(robot, pose) >= 0)(fence(sample.poses(numbers)))
+    reached = jax.vmap(lambda pose: sample.margin(robot, pose) >= 0)(fence(sample.poses(numbers)))
     return total + jnp.sum(reached & counted, dtype=jnp.uint32)
 
 
@@ -173,7 +138,7 @@ def _add_soft_gradient(_, totals, *case, robot, sample, sharpness):
 
 def _soft_sum(robot, sample, sharpness, numbers, counted) -> jax.Array:
     poses = fence(sample.poses(numbers))
-    margins = fence(jax.vmap(lambda pose: reached_margin(robot, pose))(poses))
+    margins = fence(jax.vmap(lambda pose: sample.margin(robot, pose))(poses))
     soft = _smooth_step(sharpness * margins)
     return jnp.sum(jnp.where(counted, soft, 0))
 

@@ -1,0 +1,116 @@
+"""How far a robot goes in a direction, and the heights of its platform retracted and extended."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._bracket import last_inside
+from jaxscissor._numerics import Scalar, safe_divide
+from jaxscissor._pytree import as_floats
+from jaxscissor.feasibility import reached_margin
+from jaxscissor.mechanisms._contract import Mechanism, checked_pose
+
+
+def reach_along(robot: Mechanism, pose: Any, direction: Any, *, limit: Any = None, cells: int = 128) -> jax.Array:
+    """How far the platform goes from a pose along a straight line of pose coordinates, within all limits.
+
+    It is the first place at which the margin of ``feasibility`` becomes negative, located to rounding; it moves
+    with robot, pose and direction by the implicit function theorem. The margin is sampled at the ends of equal
+    cells: an interruption within one of them is missed.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame, where the line starts.
+      direction: ``(d,)`` rates of the pose coordinates; its length is the unit of the result.
+      limit: how far to look, in that unit; default: two lengths of the robot.
+      cells: number of cells up to the limit.
+
+    Returns:
+      The distance, a scalar; ``inf`` if the robot reaches as far as the limit, ``nan`` if it does not reach the pose.
+
+    Raises:
+      ValueError: wrong shapes, or no cell.
+
+    Example:
+      NaVaRO II moves sideways until a leg is at its end:
+
+      >>> import jaxscissor as js
+      >>> robot = js.NavaroII.prototype()
+      >>> round(float(js.reach_along(robot, [45.0, 26.0, 0.3], [1.0, 0.0, 0.0])), 3)
+      45.659
+    """
+    robot, pose = checked_pose(robot, pose)
+    robot, pose, direction = as_floats(robot, pose, jnp.asarray(direction))
+    if direction.shape != pose.shape:
+        raise ValueError(f"Got direction {direction.shape}; expected the shape of the pose, {pose.shape}.")
+    if cells < 1:
+        raise ValueError(f"Got cells={cells}; expected at least one.")
+    limit = lax.stop_gradient(jnp.asarray(2 * robot.length if limit is None else limit, pose.dtype))
+    return _reach(cells, robot, pose, direction, limit)
+
+
+def height_range(robot: Mechanism) -> jax.Array:
+    """Retracted and extended height: how far the platform goes straight down and up from its home pose.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+
+    Returns:
+      Heights ``(2,)`` of the platform's reference point over the base frame's origin; infinite where the
+      robot reaches two of its lengths from home, ``nan`` if it does not reach its home pose.
+
+    Raises:
+      ValueError: a planar robot.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> print(js.height_range(js.TripleScissorExtender.prototype()).round(3))
+      [0.312 1.617]
+    """
+    if "z" not in robot.space.names:
+        raise ValueError(f"Got a {type(robot).__name__} with pose ({', '.join(robot.space.names)}); it has no height.")
+    (robot,) = as_floats(robot)
+    home = robot.home()[0]
+    vertical = robot.space.names.index("z")
+    up = jnp.zeros_like(home).at[vertical].set(1)
+    ways = jax.vmap(partial(reach_along, robot, home))(jnp.stack([-up, up]))
+    return home[vertical] + jnp.stack([-ways[0], ways[1]])
+
+
+@partial(jax.jit, static_argnums=0)
+def _reach(cells: int, robot: Mechanism, pose: jax.Array, direction: jax.Array, limit: Scalar) -> jax.Array:
+    frozen = lax.stop_gradient((robot, pose, direction))
+    points = jnp.arange(cells + 1, dtype=pose.dtype) * (limit / cells)
+    margins = jax.vmap(partial(_margin, frozen))(points)
+    ended = margins < 0
+    cell = jnp.maximum(jnp.argmax(ended) - 1, 0)
+    found = jnp.any(ended) & ~ended[0]
+    margin, ends = partial(_margin, frozen), (points[cell], points[cell + 1], margins[cell], margins[cell + 1])
+    point, beyond, left = last_inside(margin, *ends, found)
+    share = jnp.clip(-safe_divide(left, jax.grad(margin)(point) * (beyond - point)), 0, 1)
+    distance = _crossing((robot, pose, direction), point + share * (beyond - point))
+    return jnp.where(ended[0], jnp.nan, jnp.where(found, distance, jnp.inf))
+
+
+def _margin(line: tuple[Mechanism, jax.Array, jax.Array], point: jax.Array) -> Scalar:
+    robot, pose, direction = line
+    return reached_margin(robot, pose + point * direction)
+
+
+@jax.custom_jvp
+def _crossing(line: tuple[Mechanism, jax.Array, jax.Array], point: jax.Array) -> jax.Array:
+    """A root of the margin along a line, with its derivative by the implicit function theorem."""
+    return point
+
+
+@_crossing.defjvp
+def _crossing_jvp(primals, tangents):
+    line, point = primals
+    _, moved = jax.jvp(lambda way: _margin(way, point), (line,), (tangents[0],))
+    _, slope = jax.jvp(partial(_margin, line), (point,), (jnp.ones_like(point),))
+    return _crossing(line, point), -safe_divide(moved, slope)
