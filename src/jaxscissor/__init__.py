@@ -54,6 +54,8 @@ from jaxscissor.mechanisms.navaro_drive import Clutch as Clutch
 from jaxscissor.mechanisms.navaro_drive import DriveTrain as DriveTrain
 from jaxscissor.mechanisms.navaro_drive import drive_mobility as drive_mobility
 from jaxscissor.mechanisms.navaro_drive import drive_mode as drive_mode
+from jaxscissor.mechanisms.per_leg import PerLeg as PerLeg
+from jaxscissor.mechanisms.per_leg import per_leg as per_leg
 from jaxscissor.mechanisms.stewart import StewartGough as StewartGough
 from jaxscissor.mechanisms.tri_scott import Micabo as Micabo
 from jaxscissor.mechanisms.tri_scott import TriScott as TriScott
@@ -77,6 +79,12 @@ from jaxscissor.sensing import SensedMode as SensedMode
 from jaxscissor.sensing import sensed_mode as sensed_mode
 from jaxscissor.singularity import Singularity as Singularity
 from jaxscissor.singularity import singularity as singularity
+from jaxscissor.tolerances import PoseError as PoseError
+from jaxscissor.tolerances import PoseErrorSamples as PoseErrorSamples
+from jaxscissor.tolerances import pose_error as pose_error
+from jaxscissor.tolerances import pose_sensitivity as pose_sensitivity
+from jaxscissor.tolerances import sample_pose_errors as sample_pose_errors
+from jaxscissor.tolerances import tolerances as tolerances
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
 
