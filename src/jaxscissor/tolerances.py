@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.flatten_util import ravel_pytree
 
+from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, place, solve_legs
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt
 from jaxscissor._platform import all_joints, assemble, assembly_sign, state_at
@@ -28,7 +29,7 @@ from jaxscissor.mechanisms._contract import (
     split_joints,
 )
 from jaxscissor.mechanisms.per_leg import PerLeg, copies_of
-from jaxscissor.singularity import closure_matrix, leg_columns, passive_columns, small_determinant
+from jaxscissor.singularity import closure_matrix, leg_columns, passive_columns
 
 _LANES = 4096  # samples solved together
 
@@ -232,7 +233,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     placed, size = place(robot, pose), robot.space.dimension
     results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
     joints = join_joints(robot, [result.value for result in results])
-    matrix = closure_matrix(robot, placed.position, placed.rotation, joints)
+    matrix = fence(closure_matrix(robot, placed.position, placed.rotation, fence(joints)))
     unknown = matrix[:, jnp.array([*range(size), *passive_columns(robot)])]
     usable = placed.finite & _regular(unknown)
     for result in results:
@@ -249,14 +250,15 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
         )
 
     _, pull = jax.vjp(residuals, copies_of(robot))
-    (by_copies,) = jax.vmap(pull)(adjoint)
+    (by_copies,) = jax.vmap(pull)(fence(adjoint))
     return _Sensitivity(usable, by_copies, adjoint @ _driven(robot, matrix))
 
 
 def _regular(matrix: jax.Array) -> Scalar:
-    """Whether the determinant is more than the rounding of its terms."""
-    bound = jnp.prod(jnp.sum(jnp.abs(matrix), axis=1))
-    return jnp.abs(small_determinant(matrix)) > 4 * float(jnp.finfo(matrix.dtype).eps) * bound
+    """Whether the matrix has an inverse that is more than rounding."""
+    matrix = lax.stop_gradient(matrix)
+    condition = jnp.linalg.norm(matrix) * jnp.linalg.norm(jnp.linalg.inv(matrix))
+    return condition < 1 / (4 * float(jnp.finfo(matrix.dtype).eps))  # false for nan
 
 
 def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
