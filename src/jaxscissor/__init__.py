@@ -58,6 +58,8 @@ from jaxscissor.mechanisms.navaro_drive import Clutch as Clutch
 from jaxscissor.mechanisms.navaro_drive import DriveTrain as DriveTrain
 from jaxscissor.mechanisms.navaro_drive import drive_mobility as drive_mobility
 from jaxscissor.mechanisms.navaro_drive import drive_mode as drive_mode
+from jaxscissor.mechanisms.per_leg import PerLeg as PerLeg
+from jaxscissor.mechanisms.per_leg import per_leg as per_leg
 from jaxscissor.mechanisms.stewart import StewartGough as StewartGough
 from jaxscissor.mechanisms.tri_scott import Micabo as Micabo
 from jaxscissor.mechanisms.tri_scott import TriScott as TriScott
@@ -87,6 +89,12 @@ from jaxscissor.singularity import Singularity as Singularity
 from jaxscissor.singularity import singularity as singularity
 from jaxscissor.tasks import Oriented as Oriented
 from jaxscissor.tasks import Path as Path
+from jaxscissor.tolerances import PoseError as PoseError
+from jaxscissor.tolerances import PoseErrorSamples as PoseErrorSamples
+from jaxscissor.tolerances import pose_error as pose_error
+from jaxscissor.tolerances import pose_sensitivity as pose_sensitivity
+from jaxscissor.tolerances import sample_pose_errors as sample_pose_errors
+from jaxscissor.tolerances import tolerances as tolerances
 from jaxscissor.tradeoffs import ParetoFront as ParetoFront
 from jaxscissor.tradeoffs import optimize_choices as optimize_choices
 from jaxscissor.tradeoffs import pareto_front as pareto_front

@@ -64,6 +64,34 @@ def unchecked(cls: type[T], **values: Any) -> T:
     return self
 
 
+def with_fields(tree: T, values: dict[str, Any]) -> T:
+    """Copy of a dataclass pytree with other values in some array fields, broadcast to the shapes there.
+
+    Raises:
+      ValueError: a name that is no array field, or a value that does not broadcast.
+    """
+    fields = dataclasses.fields(tree)  # type: ignore[arg-type]
+    arrays = [f.name for f in fields if not f.metadata.get("static")]
+    content = {f.name: getattr(tree, f.name) for f in fields}
+    for name, value in values.items():
+        if name not in arrays:
+            raise ValueError(f"Got {name!r}; expected one of the dimensions of {type(tree).__name__}: {arrays}.")
+        content[name] = broadcast(name, jnp.asarray(value, float_dtype(tree)), content[name].shape)
+    return unchecked(type(tree), **content)
+
+
+def broadcast(name: str, value: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    """The array in a shape.
+
+    Raises:
+      ValueError: naming it, if it does not broadcast.
+    """
+    try:
+        return jnp.broadcast_to(value, shape)
+    except ValueError as error:
+        raise ValueError(f"Got {name} of shape {value.shape}; expected one that broadcasts to {shape}.") from error
+
+
 def is_concrete(tree: Any) -> bool:
     """Whether every leaf holds numbers that can be looked at, as opposed to tracers or placeholders."""
     return all(isinstance(leaf, jax.Array) and not isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

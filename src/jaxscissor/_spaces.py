@@ -41,6 +41,11 @@ class Space(Protocol):
         ...
 
     @staticmethod
+    def between(start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
+        """The twist along which ``retract`` carries one position and rotation to another."""
+        ...
+
+    @staticmethod
     def rates_to_twist(pose: jax.Array) -> jax.Array:
         """Matrix from the rates of the pose coordinates to the twist."""
         ...
@@ -101,6 +106,16 @@ class SE3:
         return position + Vec(*twist[:3]), Rotation(*(c + axis.cross(c) for c in rotation.columns))
 
     @staticmethod
+    def between(start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
+        """The twist ``(6,)`` from one position and rotation to another, apart by less than half a turn."""
+        columns = list(zip(start[1].columns, end[1].columns, strict=True))
+        axis = sum((a.cross(b) for a, b in columns[1:]), columns[0][0].cross(columns[0][1])) * 0.5
+        sine, cosine = safe_sqrt(axis.dot(axis)), (sum(a.dot(b) for a, b in columns) - 1) / 2
+        small = (sine**2 < jnp.finfo(jnp.result_type(sine)).eps) & (cosine > 0)
+        turn = axis * jnp.where(small, 1 + sine**2 / 6, safe_divide(jnp.arctan2(sine, cosine), sine))
+        return jnp.stack([*(end[0] - start[0]).components, *turn.components])
+
+    @staticmethod
     def rates_to_twist(pose: jax.Array) -> jax.Array:
         """Matrix ``(6, 6)`` from (velocity, roll, pitch and yaw rates) to (velocity, angular velocity)."""
         sr, cr, sp, cp = jnp.sin(pose[3]), jnp.cos(pose[3]), jnp.sin(pose[4]), jnp.cos(pose[4])
@@ -142,6 +157,13 @@ class SE2:
         return position + Vec(*twist[:2]), Rotation(*turned)
 
     @staticmethod
+    def between(start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
+        """The twist ``(3,)`` from one position and rotation to another."""
+        a, b = start[1].columns[0], end[1].columns[0]
+        turn = jnp.arctan2(a.x * b.y - a.y * b.x, a.dot(b))
+        return jnp.stack([*(end[0] - start[0]).components, turn])
+
+    @staticmethod
     def rates_to_twist(pose: jax.Array) -> jax.Array:
         """Identity: the rates of a planar pose are its twist."""
         return jnp.eye(3, dtype=pose.dtype)
@@ -174,6 +196,11 @@ class R3:
     def nudge(position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
         """``retract`` to first order, with the same derivative at rest and far fewer operations."""
         return position + Vec(*twist), rotation
+
+    @staticmethod
+    def between(start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
+        """The way ``(3,)`` from one position to another."""
+        return jnp.stack((end[0] - start[0]).components)
 
     @staticmethod
     def rates_to_twist(pose: jax.Array) -> jax.Array:

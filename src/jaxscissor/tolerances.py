@@ -1,0 +1,302 @@
+"""What inexact dimensions do to the pose: sensitivity, first-order error, Monte Carlo."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.flatten_util import ravel_pytree
+
+from jaxscissor._fence import fence
+from jaxscissor._legs import MAX_STEPS, place, solve_legs
+from jaxscissor._numerics import Scalar, default_tol, safe_sqrt
+from jaxscissor._platform import all_joints, assemble, assembly_sign, state_at
+from jaxscissor._pytree import as_floats, broadcast, pytree, with_fields
+from jaxscissor._solution import Status
+from jaxscissor.kinematics import inverse_kinematics
+from jaxscissor.mechanisms._contract import (
+    Mechanism,
+    actuated_mask,
+    checked_pose,
+    closure,
+    join_joints,
+    joint_places,
+    legs_of,
+    split_joints,
+)
+from jaxscissor.mechanisms.per_leg import PerLeg, copies_of
+from jaxscissor.singularity import closure_matrix, leg_columns, passive_columns
+
+_LANES = 4096  # samples solved together
+
+
+def tolerances(robot: Any, **deviations: Any) -> Any:
+    """Standard deviations of a robot's dimensions, leg by leg; zero, which is exact, where none is given.
+
+    Args:
+      robot: any robot.
+      **deviations: fields of the robot by name, in the field's unit: a number, an array of the field's
+        shape, or one for each leg, ``(legs, *shape)``.
+
+    Returns:
+      A container like the robot whose arrays have the shapes ``(legs, *shape)``.
+
+    Raises:
+      ValueError: a name that is no field of the robot, or values that do not broadcast.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> made = js.tolerances(robot, link_lengths=1e-4, actuator_angle=1e-4, top_radius=1e-4)
+      >>> made.link_lengths.shape, made.stroke.max().item()
+      ((3, 3), 0.0)
+    """
+    return with_fields(jax.tree.map(jnp.zeros_like, copies_of(robot)), deviations)
+
+
+@pytree
+class PoseError:
+    """First-order error of the pose, as a twist: translation, rotation vector, in the base frame.
+
+    Attributes:
+      covariance: ``(d, d)``.
+      translation: root mean square length of the translation.
+      rotation: root mean square angle of the rotation, in radians; zero for robots that do not turn.
+    """
+
+    covariance: jax.Array
+    translation: jax.Array
+    rotation: jax.Array
+
+
+@pytree
+class PoseErrorSamples:
+    """Errors of the pose of randomly drawn robots, as twists in the base frame.
+
+    Attributes:
+      errors: ``(samples, d)`` translation and rotation vector, ``nan`` where the status is not ``CONVERGED``.
+      status: ``(samples,)`` a ``Status`` code each, as of ``forward_kinematics``.
+    """
+
+    errors: jax.Array
+    status: jax.Array
+
+
+class _Sensitivity(NamedTuple):
+    """Derivatives of the twist by each leg's copy of the robot and by the actuated joints; zero if not usable."""
+
+    usable: Scalar
+    copies: Any
+    joints: jax.Array
+
+
+def pose_sensitivity(robot: Mechanism, pose: Any) -> Any:
+    """Derivative of the pose with respect to each leg's own copy of every dimension, actuators held.
+
+    The actuated joints stay at the values that the robot as designed has at the pose, in the home mode. By
+    the implicit function theorem on the closure equations, the passive joints eliminated; one reverse pass
+    per pose coordinate, whatever the number of dimensions.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+
+    Returns:
+      A container like the robot whose arrays have the shapes ``(d, legs, *shape)``: per unit of dimension
+      the twist (translation, rotation vector), in the base frame. ``nan`` where the home mode does not
+      reach the pose, or the pose is singular. Dimensions in ``constraints`` count as those of the mean of
+      the legs' copies: see ``PerLeg``.
+
+    Raises:
+      ValueError: wrong shape of the pose.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> sensitivity = js.pose_sensitivity(robot, robot.home()[0])
+      >>> sensitivity.top_radius.shape, sensitivity.link_lengths.shape
+      ((6, 3), (6, 3, 3))
+    """
+    robot, pose = checked_pose(robot, pose)
+    found = _sensitivity(robot, pose)
+    return jax.tree.map(lambda leaf: jnp.where(found.usable, leaf, jnp.nan), found.copies)
+
+
+def pose_error(robot: Mechanism, pose: Any, tolerances: Any, *, joints: Any = 0.0) -> PoseError:
+    """What manufacturing tolerances do to the pose, to first order.
+
+    The dimensions of each leg deviate independently of one another and of those of the other legs.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+      tolerances: container like the robot of standard deviations, as made by ``tolerances``; arrays broadcast
+        to ``(legs, *shape)``. Zero is exact, also for infinite dimensions.
+      joints: standard deviations of the actuated joints, ``(m,)`` or one for all.
+
+    Returns:
+      ``PoseError``; ``nan`` where the home mode does not reach the pose, or the pose is singular.
+
+    Raises:
+      ValueError: wrong shapes, or tolerances of another structure than the robot.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.StewartGough.prototype()
+      >>> made = js.tolerances(robot, base=1e-4, platform=1e-4)  # 0.1 mm
+      >>> error = js.pose_error(robot, robot.home()[0], made)
+      >>> bool(1e-5 < error.translation < 1e-3), error.covariance.shape
+      (True, (6, 6))
+    """
+    robot, pose = checked_pose(robot, pose)
+    robot, pose, deviations, joints = _checked(robot, pose, tolerances, joints)
+    return _pose_error(robot, pose, deviations, joints)
+
+
+def sample_pose_errors(
+    robot: Mechanism, pose: Any, tolerances: Any, key: Any, samples: int = 100_000, *, joints: Any = 0.0
+) -> PoseErrorSamples:
+    """Errors of the pose of robots drawn at random, each assembled by Newton's method: Monte Carlo.
+
+    Every dimension of every leg is drawn from its normal distribution, the actuated joints are held at the
+    values (plus their own errors) that the robot as designed has at the pose, and the pose is solved for
+    from there. Samples are solved in chunks, and only their errors are kept. Use double precision: in
+    single, what counts as closed is no smaller than usual tolerances.
+
+    Args:
+      robot: the robot as designed.
+      pose: ``(d,)`` in the base frame.
+      tolerances: container like the robot of standard deviations, as for ``pose_error``.
+      key: of ``jax.random``. The same key gives the same robots.
+      samples: number of robots drawn.
+      joints: standard deviations of the actuated joints, ``(m,)`` or one for all.
+
+    Returns:
+      ``PoseErrorSamples``. ``OTHER_MODE`` where the drawn robot closes beyond a singularity, ``MAX_STEPS``
+      where it was not found to close; the status of the pose itself where the robot as designed does not
+      reach it.
+
+    Raises:
+      ValueError: wrong shapes, tolerances of another structure than the robot, or no samples.
+
+    Example:
+      >>> import jax, jaxscissor as js
+      >>> robot = js.TripleScissorExtender.prototype()
+      >>> made = js.tolerances(robot, link_lengths=1e-3, top_radius=1e-3)
+      >>> drawn = js.sample_pose_errors(robot, robot.home()[0], made, jax.random.key(0), 100)
+      >>> drawn.errors.shape, int((drawn.status == js.Status.CONVERGED).sum())
+      ((100, 6), 100)
+    """
+    if samples < 1:
+        raise ValueError(f"Got samples={samples}; expected at least one.")
+    robot, pose = checked_pose(robot, pose)
+    robot, pose, deviations, joints = _checked(robot, pose, tolerances, joints)
+    return _sample(robot, pose, deviations, joints, key, samples)
+
+
+def _checked(robot: Mechanism, pose: jax.Array, deviations: Any, joints: Any) -> tuple[Any, ...]:
+    """One dtype; deviations leg by leg, and one for each actuated joint."""
+    wanted = copies_of(robot)
+    if jax.tree.structure(deviations) != jax.tree.structure(wanted):
+        raise ValueError(
+            f"Got tolerances of structure {jax.tree.structure(deviations)}; expected that of the robot, as made by "
+            "js.tolerances."
+        )
+    robot, pose, deviations, joints = as_floats(robot, pose, deviations, joints)
+    deviations = jax.tree.map(lambda t, leaf: broadcast("a tolerance", t, leaf.shape), deviations, wanted)
+    return robot, pose, deviations, broadcast("joints", joints, (sum(actuated_mask(robot)),))
+
+
+@jax.jit
+def _pose_error(robot: Mechanism, pose: jax.Array, deviations: Any, joints: jax.Array) -> PoseError:
+    found, linear = _sensitivity(robot, pose), robot.space.translations
+
+    def scaled(derivative, deviation):
+        exact = deviation == 0  # zero times whatever an infinite dimension gives
+        product = jnp.where(exact[None], 0, derivative) * deviation[None]
+        return product.reshape(len(pose), -1)
+
+    columns = jax.tree.map(scaled, (found.copies, found.joints), (deviations, joints))
+    matrix = jnp.concatenate(jax.tree.leaves(columns), axis=1)
+    covariance = matrix @ matrix.T
+    variances = jnp.diagonal(covariance)
+    error = PoseError(covariance, safe_sqrt(jnp.sum(variances[:linear])), safe_sqrt(jnp.sum(variances[linear:])))
+    return jax.tree.map(lambda leaf: jnp.where(found.usable, leaf, jnp.nan), error)
+
+
+@jax.jit
+def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
+    placed, size = place(robot, pose), robot.space.dimension
+    results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
+    joints = join_joints(robot, [result.value for result in results])
+    matrix = fence(closure_matrix(robot, placed.position, placed.rotation, fence(joints)))
+    unknown = matrix[:, jnp.array([*range(size), *passive_columns(robot)])]
+    usable = placed.finite & _regular(unknown)
+    for result in results:
+        usable = usable & result.solved
+    unit = jnp.eye(len(unknown), dtype=unknown.dtype)
+    scale = jnp.where(jnp.arange(size) < robot.space.translations, robot.length, 1)[:, None]
+    # row j: how much the closure's residuals move coordinate j of the twist; zero where the pose is not usable
+    adjoint = -scale * jnp.where(usable, jnp.linalg.inv(jnp.where(usable, unknown, unit))[:size], 0)
+
+    def residuals(copies):
+        crooked = PerLeg(copies)
+        return jnp.stack(
+            closure(crooked, legs_of(crooked), split_joints(robot, joints), placed.position, placed.rotation)
+        )
+
+    _, pull = jax.vjp(residuals, copies_of(robot))
+    (by_copies,) = jax.vmap(pull)(fence(adjoint))
+    return _Sensitivity(usable, by_copies, adjoint @ _driven(robot, matrix))
+
+
+def _regular(matrix: jax.Array) -> Scalar:
+    """Whether the matrix has an inverse that is more than rounding."""
+    matrix = lax.stop_gradient(matrix)
+    condition = jnp.linalg.norm(matrix) * jnp.linalg.norm(jnp.linalg.inv(matrix))
+    return condition < 1 / (4 * float(jnp.finfo(matrix.dtype).eps))  # false for nan
+
+
+def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
+    """Derivative of the closure by the actuated joints, in their order and units."""
+    mask, angular, column_of = actuated_mask(robot), robot.legs().angular, {}
+    for columns, places in zip(leg_columns(robot), joint_places(robot), strict=True):
+        for i, (column, joint) in enumerate(zip(columns, places, strict=True)):
+            unit = 1 if angular and angular[i] else robot.length
+            column_of[joint] = matrix[:, column] / unit
+    return jnp.stack([column_of[i] for i, actuated in enumerate(mask) if actuated], axis=1)
+
+
+@partial(jax.jit, static_argnames="samples")
+def _sample(
+    robot: Mechanism, pose: jax.Array, deviations: Any, joint_deviations: jax.Array, key: Any, samples: int
+) -> PoseErrorSamples:
+    solution = inverse_kinematics(robot, pose)
+    home_pose, home_joints = robot.home()
+    pose = jnp.where(solution.converged, pose, home_pose)
+    joints = jnp.where(solution.converged, solution.value, home_joints)
+    start, actuated, tol = state_at(robot, pose, joints), robot.actuated(joints), default_tol(pose.dtype)
+    sign = assembly_sign(robot, actuated, start)
+    nominal, rebuild = ravel_pytree((copies_of(robot), actuated))
+    spread, _ = ravel_pytree((deviations, joint_deviations))
+
+    def one(key):
+        copies, held = rebuild(nominal + spread * jax.random.normal(key, nominal.shape, nominal.dtype))
+        crooked = PerLeg(copies)
+        state, error, _ = assemble(crooked, held, start, tol, 50)
+        same = assembly_sign(crooked, held, state) == sign
+        status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
+        for leg, q in zip(legs_of(crooked), split_joints(robot, all_joints(robot, held, state)), strict=True):
+            status = jnp.where(leg.closes(q), status, Status.NO_SOLUTION)
+        return robot.space.between((start.position, start.rotation), (state.position, state.rotation)), status
+
+    chunks = math.ceil(samples / _LANES)
+    keys = jax.random.split(key, (chunks, math.ceil(samples / chunks)))
+    drawn = lax.map(jax.vmap(one), keys)
+    errors, status = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:samples], drawn)
+    status = jnp.where(solution.converged, status, solution.status).astype(jnp.int32)
+    return PoseErrorSamples(jnp.where((status == Status.CONVERGED)[:, None], errors, jnp.nan), status)
