@@ -21,26 +21,29 @@ import numpy as np
 
 import jaxscissor as js
 
-RADIUS, AXIS, LENGTH = 1.0, 0.7, 0.4  # of the arc, of its axis above the floor, of the part of the panel, in metres
 STOPS = (np.deg2rad(10.8), np.deg2rad(69.6))  # of the scissors, as the prototype of [RAL17 V] has them
 CLEAR = 0.02  # margin from every limit
 STRONG = 0.1  # least singularity measure, in parts of that at home
 
 
+@js.pytree
 class Panel(js.Region):
-    """Poses (along the panel, angle about its axis) that put the platform square to it."""
+    """Poses (along the panel, angle about its axis) that put the platform square to it; lengths in metres."""
 
-    unit_dimension = 2
+    radius: float = 1.0
+    axis: float = 0.7  # above the floor
+    length: float = 0.4
+
+    @property
+    def unit_dimension(self):
+        """Along the panel, and about its axis."""
+        return 2
 
     def from_unit(self, unit):
         """Pose (x, y, z, roll, 0, 0)."""
-        angle = (unit[1] - 0.5) * jnp.pi / 2
-        zero = jnp.zeros_like(angle)
-        along = (unit[0] - 0.5) * LENGTH
-        return jnp.stack([along, RADIUS * jnp.sin(angle), AXIS + RADIUS * jnp.cos(angle), -angle, zero, zero])
-
-
-Panel = js.pytree(Panel)
+        along, angle = (unit[0] - 0.5) * self.length, (unit[1] - 0.5) * jnp.pi / 2
+        across, up, zero = self.radius * jnp.sin(angle), self.axis + self.radius * jnp.cos(angle), 0 * angle
+        return jnp.stack([along, across, up, -angle, zero, zero])
 
 
 def build(size):
@@ -64,14 +67,16 @@ def size_of(robot):
 
 def clearances(robot, poses):
     """By how much each pose (n, 3) keeps clear of the limits and of singularities of type 1 and 2."""
-    home = js.singularity(robot, robot.home()[0])
 
     def at(pose):
-        measures = js.singularity(robot, pose)
-        type1, type2 = jnp.min(measures.type1 / home.type1), measures.type2 / home.type2
-        return jnp.stack([js.feasibility(robot, pose).margin - CLEAR, type1 - STRONG, type2 - STRONG])
+        solution = js.inverse_kinematics(robot, pose)
+        measures = js.singularity(robot, pose, joints=solution.value)
+        both = jnp.append(measures.type1, measures.type2)
+        return js.feasibility(robot, pose).margin, jnp.where(solution.converged, both, jnp.nan)
 
-    return jax.lax.map(at, poses, batch_size=1024)
+    margin, measures = jax.lax.map(at, jnp.concatenate([robot.home()[0][None], poses]), batch_size=1024)
+    parts = measures[1:] / measures[:1]
+    return jnp.stack([margin[1:] - CLEAR, parts[:, :3].min(axis=1) - STRONG, parts[:, 3] - STRONG], axis=1)
 
 
 def problem(shape=(5, 25)):
@@ -96,17 +101,17 @@ def draw(robot, dense, clear, folder):
     import matplotlib.pyplot as plt
 
     folder.mkdir(exist_ok=True)
-    figure = plt.figure(figsize=(12, 4.2), layout="constrained")
+    figure = plt.figure(figsize=(14, 4.2), layout="constrained")
     for column, unit in enumerate(([0.5, 0.0], [0.5, 0.5], [1.0, 1.0])):
         ax = figure.add_subplot(1, 4, column + 1, projection="3d")
         js.plot.robot(robot, Panel().from_unit(jnp.array(unit)), ax=ax)
         ax.set(xlim=(-0.9, 0.9), ylim=(-0.9, 0.9), zlim=(0, 1.8), aspect="equal")
         ax.view_init(elev=15, azim=-20)
-    ax = figure.add_subplot(1, 4, 4)
+    ax = figure.add_subplot(1, 4, 4, box_aspect=1)
     angles = np.rad2deg(-np.asarray(dense[:, 3]))
     for values, name, mark in zip(clear.T, ("limits", "type 1", "type 2"), "o^s", strict=True):
         bins = np.linspace(-45, 45, 46)
-        lowest = [values[np.digitize(angles, bins) == i].min(initial=np.nan) for i in range(1, len(bins))]
+        lowest = [values[np.digitize(angles, bins) == i].min(initial=np.inf) for i in range(1, len(bins))]
         ax.plot((bins[1:] + bins[:-1]) / 2, lowest, f"k-{mark}", markevery=9, markerfacecolor="w", label=name)
     ax.axhline(0, color="0.6", linewidth=0.8)
     ax.set(xlabel="angle on the panel (deg)", ylabel="least clearance beyond what is asked (1)")

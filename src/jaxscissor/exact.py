@@ -16,7 +16,7 @@ from jaxscissor._batching import CHUNK
 from jaxscissor._bracket import last_inside
 from jaxscissor._fence import fence
 from jaxscissor._numerics import safe_divide
-from jaxscissor._pytree import as_floats
+from jaxscissor._pytree import as_floats, float_dtype
 from jaxscissor._sweep import Plan, add_up, planned
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Box, Region, Sample, pose_shape
@@ -108,7 +108,7 @@ def exact_workspace_fraction(
     axes = tuple(axes)
     _check(robot, region, rays, axes, cells)
     others = region.unit_dimension - 1
-    dtype = jax.tree.leaves(region)[0].dtype
+    dtype = float_dtype(region)
     rays = rays if others else 1
     sample = Box(jnp.zeros(others, dtype), jnp.ones(others, dtype)).quasi_random(rays, seed)
     part = max(CHUNK // cells, 1)

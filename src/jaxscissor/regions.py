@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxscissor._numerics import Scalar
-from jaxscissor._pytree import as_arrays, is_concrete, pytree, static
+from jaxscissor._pytree import as_arrays, float_dtype, is_concrete, pytree, static
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 
@@ -72,7 +72,7 @@ class Region:
 
 def pose_shape(region: Region) -> tuple[int, ...]:
     """Shape of what ``from_unit`` returns."""
-    unit = jax.ShapeDtypeStruct((region.unit_dimension,), jax.tree.leaves(region)[0].dtype)
+    unit = jax.ShapeDtypeStruct((region.unit_dimension,), float_dtype(region))
     return jax.eval_shape(region.from_unit, unit).shape
 
 
@@ -103,11 +103,11 @@ class Sample:
         index = jnp.asarray(index, jnp.uint32)
         if self.counts:
             cells = jnp.unravel_index(index.astype(jnp.int32), self.counts)
-            dtype = jax.tree.leaves(self.region)[0].dtype
+            dtype = float_dtype(self.region)
             unit = [(cell.astype(dtype) + 0.5) / count for cell, count in zip(cells, self.counts, strict=True)]
         else:
             unit = self._recurrence(index)
-        return jnp.stack(unit) if unit else jnp.zeros(0, jax.tree.leaves(self.region)[0].dtype)
+        return jnp.stack(unit) if unit else jnp.zeros(0, float_dtype(self.region))
 
     def poses(self, indices: Any) -> jax.Array:
         """Poses ``(m, d)`` with these numbers."""
@@ -130,7 +130,7 @@ class Sample:
 
     def _recurrence(self, index: jax.Array) -> list[jax.Array]:
         """Fractions of 32 bits: integer multiples wrap around exactly, whatever the float precision."""
-        dtype = jax.tree.leaves(self.region)[0].dtype
+        dtype = float_dtype(self.region)
         steps = _recurrence_steps(self.region.unit_dimension)
         words = [index * jnp.uint32(step) + shift for step, shift in zip(steps, self.shift, strict=True)]
         # the upper 24 bits are exact in every float type, half a unit keeps clear of 0 and 1

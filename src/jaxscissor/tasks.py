@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._numerics import Scalar
-from jaxscissor._pytree import as_arrays, pytree, static
+from jaxscissor._pytree import as_arrays, float_dtype, pytree, static
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Region, pose_shape
@@ -51,7 +51,7 @@ class Oriented(Region):
     need: Literal["all", "any"] = static(default="all")
 
     def __post_init__(self):
-        dtype = jax.tree.leaves(self.region)[0].dtype
+        dtype = float_dtype(self.region)
         orientations = jnp.asarray(self.orientations, dtype)
         (size,) = pose_shape(self.region)
         if orientations.ndim != 2 or not orientations.shape[0] or not 0 < orientations.shape[1] < size:
