@@ -92,6 +92,16 @@ def test_turns_that_count_more_are_farther_away(case):
     np.testing.assert_allclose(heavier.distance, weighted, rtol=1e-12)
 
 
+def test_a_screw_keeps_its_pitch():
+    """Mode 8 is loose at alpha = 0, a fifth of this twist away; what a turn counts as changes the length alone."""
+    robot, pose, twist = js.NavaroII.prototype(mode=8), jnp.array([45.0, 26.0, 0.2]), jnp.array([30.0, -10.0, -1.0])
+    for angle_length in (10.0, 90.0):
+        met = js.clearance_along(robot, pose, twist, angle_length=angle_length)
+        assert met.kind == 2
+        np.testing.assert_allclose(met.pose, pose + 0.2 * twist, atol=1e-6)
+        np.testing.assert_allclose(met.distance, 0.2 * np.hypot(np.hypot(30, 10), angle_length), rtol=1e-6)
+
+
 def test_unreachable_poses_and_short_reaches_are_told():
     robot = js.NavaroII.prototype(mode=8)
     away = js.clearance_along(robot, jnp.array([45.0, jnp.nan, 0.2]), jnp.array([0.0, 0.0, 1.0]))
