@@ -1,5 +1,6 @@
 """Distances to singularities: known ones, the nearest against any other way, and what surrounds a pose."""
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -26,12 +27,17 @@ def test_similar_triangles_are_loose_where_they_are_not_turned(scale):
     np.testing.assert_allclose(nearest.pose[2], 0, atol=1e-6)
 
 
-@pytest.mark.parametrize("angle_length", [20.0, 90.0])
-def test_the_way_to_a_curved_locus_is_the_shortest(angle_length):
-    """Mode 8 is also singular on a circle about the middle of radius sqrt(3000 - 1800 cos(alpha)) [NAV19 eq. 38]."""
-    robot, alpha, radius = js.NavaroII.prototype(mode=8), 1.2, 40.0
+@pytest.mark.parametrize(
+    ("alpha", "radius", "angle_length"), [(1.2, 40.0, 20.0), (1.2, 40.0, 90.0), (0.5, 97.0, 1000.0)]
+)
+def test_the_way_to_a_curved_locus_is_the_shortest(alpha, radius, angle_length):
+    """Mode 8 is also singular on a circle about the middle of radius sqrt(3000 - 1800 cos(alpha)) [NAV19 eq. 38].
+
+    The last pose is farther from the circle than this is wide, where turning all the way to the normal overshoots.
+    """
+    robot = dataclasses.replace(js.NavaroII.prototype(mode=8), stroke=(0.0, np.inf))
     pose = jnp.array([45.0 + radius * np.cos(0.4), 15 * np.sqrt(3) + radius * np.sin(0.4), alpha])
-    turns = np.linspace(alpha - 1, alpha + 1, 2_000_001)
+    turns = np.linspace(alpha - 0.4, alpha + 1, 2_000_001)
     expected = np.hypot(np.sqrt(3000 - 1800 * np.cos(turns)) - radius, angle_length * (turns - alpha)).min()
     nearest = js.clearance(robot, pose, angle_length=angle_length)
     assert nearest.kind == 2
