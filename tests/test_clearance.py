@@ -1,5 +1,6 @@
 """Distances to singularities: known ones, the nearest against any other way, and what surrounds a pose."""
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -24,6 +25,23 @@ def test_similar_triangles_are_loose_where_they_are_not_turned(scale):
     np.testing.assert_allclose(nearest.rotation, 0.2, atol=1e-6)
     np.testing.assert_allclose(nearest.distance / robot.length, 0.2, atol=1e-6)
     np.testing.assert_allclose(nearest.pose[2], 0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "radius", "angle_length"), [(1.2, 40.0, 20.0), (1.2, 40.0, 90.0), (0.5, 97.0, 1000.0)]
+)
+def test_the_way_to_a_curved_locus_is_the_shortest(alpha, radius, angle_length):
+    """Mode 8 is also singular on a circle about the middle of radius sqrt(3000 - 1800 cos(alpha)) [NAV19 eq. 38].
+
+    The last pose is farther from the circle than this is wide, where turning all the way to the normal overshoots.
+    """
+    robot = dataclasses.replace(js.NavaroII.prototype(mode=8), stroke=(0.0, np.inf))
+    pose = jnp.array([45.0 + radius * np.cos(0.4), 15 * np.sqrt(3) + radius * np.sin(0.4), alpha])
+    turns = np.linspace(alpha - 0.4, alpha + 1, 2_000_001)
+    expected = np.hypot(np.sqrt(3000 - 1800 * np.cos(turns)) - radius, angle_length * (turns - alpha)).min()
+    nearest = js.clearance(robot, pose, angle_length=angle_length)
+    assert nearest.kind == 2
+    np.testing.assert_allclose(nearest.distance, expected, rtol=1e-5)
 
 
 def test_a_scott_linkage_reaches_as_far_as_its_link_is_long():
@@ -78,6 +96,16 @@ def test_turns_that_count_more_are_farther_away(case):
     assert heavier.distance >= nearest.distance * (1 - 1e-6)
     weighted = jnp.hypot(heavier.translation, 3 * robot.length * heavier.rotation)
     np.testing.assert_allclose(heavier.distance, weighted, rtol=1e-12)
+
+
+def test_a_screw_keeps_its_pitch():
+    """Mode 8 is loose at alpha = 0, a fifth of this twist away; what a turn counts as changes the length alone."""
+    robot, pose, twist = js.NavaroII.prototype(mode=8), jnp.array([45.0, 26.0, 0.2]), jnp.array([30.0, -10.0, -1.0])
+    for angle_length in (10.0, 90.0):
+        met = js.clearance_along(robot, pose, twist, angle_length=angle_length)
+        assert met.kind == 2
+        np.testing.assert_allclose(met.pose, pose + 0.2 * twist, atol=1e-6)
+        np.testing.assert_allclose(met.distance, 0.2 * np.hypot(np.hypot(30, 10), angle_length), rtol=1e-6)
 
 
 def test_unreachable_poses_and_short_reaches_are_told():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from jaxscissor.aspects import least_between
 from jaxscissor.modes import fewest_switches
 from jaxscissor.singularity import _type2, _without_passive
 
@@ -177,6 +178,37 @@ def test_plans_that_cannot_be():
             js.plan_modes(**bad)
 
 
+def test_a_crossing_is_blocked_wherever_it_lies_between_two_poses():
+    """Mode 8 along alpha, singular at 0: crossed once before or after the middle, or twice around it."""
+    robots = {8: js.NavaroII.prototype(8)}
+    for alphas in ([0.3, -0.1], [0.1, -0.3]):
+        plan = js.plan_modes(robots, [[45.0, 26.0, a] for a in alphas], clearance=1e-6)
+        assert plan.status == js.PlanStatus.NO_CLEAR_MODE and plan.blocked.tolist() == [0] and plan.attainable == 0
+    # the circle of [NAV19 eq. 38] has radius 39.6 at alpha = 0.5: a chord just inside it leaves and enters it again
+    radius = np.sqrt(3000 - 1800 * np.cos(0.5))
+    ends = CENTER + np.array([[-25.0, 0.98 * radius], [25.0, 0.98 * radius]])
+    assert (beyond_circle(np.column_stack([ends, [0.5, 0.5]])) > 0).all()
+    assert beyond_circle(np.array([*ends.mean(axis=0), 0.5])) < 0
+    chord = js.plan_modes({8: endless(8)}, np.column_stack([ends, [0.5, 0.5]]), clearance=1e-6)
+    assert chord.status == js.PlanStatus.NO_CLEAR_MODE and chord.attainable == 0
+
+
+def test_switches_are_where_the_modes_change():
+    path = np.linspace([45.0, 26.0, 1.4], [45.0, 26.0, -0.9], 93)
+    plan = js.plan_modes({mode: js.NavaroII.prototype(mode) for mode in (8, 1)}, path, clearance=0.02)
+    assert [i for i in range(1, 93) if plan.modes[i] != plan.modes[i - 1]] == plan.switches.tolist()
+    used = np.abs(plan.type2[np.arange(93), np.where(plan.modes == 8, 0, 1)])
+    assert plan.worst == pytest.approx(used.min(), rel=0.02)
+
+
+@pytest.mark.parametrize("values", [(1.0, 2.0, 0.2), (2.0, 1.0, 0.2), (1.0, 1.0, 3.0), (1.0, 5.0, 3.2)])
+def test_the_least_value_of_a_parabola(values):
+    """Start, end and middle, against a dense evaluation of the parabola through them."""
+    parabola = np.polyfit([0, 1, 0.5], values, 2)
+    dense = np.polyval(parabola, np.linspace(0, 1, 100_001)).min()
+    assert float(least_between(*(np.array(v) for v in values))) == pytest.approx(dense, abs=1e-8)
+
+
 def test_surfaces_lie_on_the_locus():
     triangles = js.singular_surface(endless(8), BOX, (20, 20, 21))
     corners = triangles.reshape(-1, 3)
@@ -212,6 +244,17 @@ def test_swept_areas_of_a_disc_seen_from_an_anchor():
     assert scissor.areas == pytest.approx([front] * 3, rel=0.01)
     assert prismatic.areas == pytest.approx([front + behind] * 3, rel=0.01)
     assert (prismatic.reach >= scissor.reach).all() and scissor.reach.shape == (3, 720)
+    toward = np.arctan2(*(CENTER - np.asarray(robot.base)).T[::-1])
+    off = np.abs((scissor.directions - toward[:, None] + np.pi) % (2 * np.pi) - np.pi)
+    half, edge = np.pi / 720, np.arcsin(a / d)
+    assert (scissor.reach[off > edge + half] == 0).all() and (scissor.reach[off < edge - 0.05] > 0).all()
+    seen = off < edge - 0.05
+    nearer, farther = (
+        d * np.cos(angle) + np.sqrt(a**2 - (d * np.sin(angle)) ** 2)
+        for angle in (np.where(seen, off + half, 0), np.where(seen, np.maximum(off - half, 0), 0))
+    )
+    assert (scissor.reach <= farther * (1 + 1e-9))[seen].all(), "no farther than the nearer side of a sector"
+    assert (scissor.reach >= nearer)[seen].mean() > 0.95, "some tips are near that side"
     with pytest.raises(ValueError, match="without end"):
         js.swept_area(endless(8), poses)
     with pytest.raises(ValueError, match="'telescope'"):
