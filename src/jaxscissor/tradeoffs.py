@@ -100,18 +100,22 @@ def pareto_front(
         return _scalar(values, weight, spread), slack
 
     judge, step = jax.jit(jax.vmap(measured)), stepper(evaluate, optimizer)
+
+    def begin(archive):
+        found, values, slack = archive
+        spread = _spread(values, slack)
+        suited = jnp.argmin(_cost(values, slack, weights, spread), axis=1)
+        chosen = jax.tree.map(lambda leaf: leaf[suited], found)
+        return spread, begun(chosen, optimizer, evaluate, weights, spread)
+
     archive = units, *judge(units)
-    for number in progress(range(_ROUNDS * steps), "front", "step"):
+    spread, state = begin(archive)
+    for number in progress(range(1, _ROUNDS * steps + 1), "front", "step"):
+        state, _ = step(state, weights, spread, number % PERIOD == 0)
         if number % steps == 0:
-            spread = _spread(*archive[1:])
-            suited = jnp.argmin(_cost(*archive[1:], weights, spread), axis=1)
-            state = begun(
-                jax.tree.map(lambda leaf, suited=suited: leaf[suited], archive[0]), optimizer, evaluate, weights, spread
-            )
-        state, _ = step(state, weights, spread, number % PERIOD == PERIOD - 1)
-        if number % steps == steps - 1:
             found = state.best.units, *judge(state.best.units)
             archive = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), archive, found)
+            spread, state = begin(archive)
     archive = jax.tree.map(lambda leaf: leaf[-designs:], archive)  # those of the last round
     front = _efficient(*archive[1:])
     best = jax.tree.map(lambda leaf: leaf[front], archive[0])
