@@ -24,12 +24,12 @@ WIDTH, HEIGHT = 1.3, 2.0  # of the cell, in metres
 TILT = TURN = np.deg2rad(15.0)
 STRONG = 0.1  # least type-2 measure, in parts of that at home
 FIRST = {
-    "mast_circle": 1 / np.sqrt(3),  # the prototype's numbers
+    "mast_circle": 1 / np.sqrt(3),  # the prototype, with strokes that fit into the cell
     "link": 0.8,
     "platform_circle": 0.3 / np.sqrt(3),
-    "highest_lower": 1.5,
+    "highest_lower": 1.3,
     "least_upper": 0.1,
-    "greatest_upper": 0.5,
+    "greatest_upper": 0.7,
 }
 LOW = dict(
     FIRST, mast_circle=0.3, link=0.3, platform_circle=0.1, highest_lower=0.5, least_upper=0.05, greatest_upper=0.2
