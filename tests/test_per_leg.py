@@ -14,40 +14,49 @@ from tests.test_contract import close, shaken_joints
 
 @jax.jit
 def everything(robot, pose, joints):
-    """Home, inverse and forward kinematics, Jacobian, margin."""
+    """What every robot can do, in one program for all tests of a robot."""
     inverse, forward = js.inverse_kinematics(robot, pose), js.forward_kinematics(robot, joints)
-    numbers = (*robot.home(), inverse.value, forward.value, js.inverse_jacobian(robot, pose, rates="twist"))
-    return (*numbers, js.feasibility(robot, pose).margin), (inverse.status, forward.status)
+    home = robot.home()
+    return {
+        "home": home,
+        "closed": js.residual(robot, *home[::-1]),
+        "inverse": inverse.value,
+        "forward": forward.value,
+        "jacobian": js.inverse_jacobian(robot, pose, rates="twist"),
+        "margin": js.feasibility(robot, pose).margin,
+        "statuses": (inverse.status, forward.status),
+    }
+
+
+def reached(robot, rng):
+    """A pose, and the actuated joints that take the robot there."""
+    joints = shaken_joints(robot, rng)[0]
+    return everything(robot, robot.home()[0], joints)["forward"], joints
 
 
 def test_equal_legs_make_the_robot_itself(robot, rng):
-    joints = shaken_joints(robot, rng)[0]
-    pose = js.forward_kinematics(robot, joints).value
-    ours, statuses = everything(js.per_leg(robot), pose, joints)
-    theirs, expected = everything(robot, pose, joints)
-    assert statuses == expected == (js.Status.CONVERGED,) * 2
-    for one, other in zip(ours, theirs, strict=True):
+    at = reached(robot, rng)
+    ours, theirs = everything(js.per_leg(robot), *at), everything(robot, *at)
+    assert ours.pop("statuses") == theirs.pop("statuses") == (js.Status.CONVERGED,) * 2
+    for one, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
         assert close(one, other, 1e-11)
 
 
 def test_a_leg_of_other_dimensions_moves_its_own_joints_alone(robot, rng):
-    joints = shaken_joints(robot, rng)[0]
-    pose = js.forward_kinematics(robot, joints).value
-    equal = js.per_leg(robot)
-    longer = jax.tree.map(lambda leaf: leaf.at[1].mul(1.001), equal.copies)
-    before, after = (everything(one, pose, joints)[0][2] for one in (equal, js.PerLeg(longer)))
-    places = joint_places(robot)
-    for leg, own in enumerate(places):
+    at, equal = reached(robot, rng), js.per_leg(robot)
+    longer = js.PerLeg(jax.tree.map(lambda leaf: leaf.at[1].mul(1.001), equal.copies))
+    before, after = (everything(one, *at)["inverse"] for one in (equal, longer))
+    for leg, own in enumerate(joint_places(robot)):
         moved = np.abs(np.asarray(after - before))[list(own)]
         assert (moved == 0).all() if leg != 1 else moved.max() > 1e-6
 
 
 def test_home_closes_legs_of_different_dimensions(robot, rng):
-    equal = js.per_leg(robot)
-    crooked = js.PerLeg(jax.tree.map(lambda leaf: leaf * (1 + 1e-3 * rng.uniform(-1, 1, leaf.shape)), equal.copies))
-    pose, joints = crooked.home()
-    assert np.abs(js.residual(crooked, joints, pose)).max() < 1e-12
-    assert 1e-6 < np.abs(joints - robot.home()[1]).max() < 0.1 * float(robot.length)
+    at, equal = reached(robot, rng), js.per_leg(robot)
+    shaken = jax.tree.map(lambda leaf: leaf * (1 + 1e-3 * rng.uniform(-1, 1, leaf.shape)), equal.copies)
+    crooked = everything(js.PerLeg(shaken), *at)
+    assert np.abs(crooked["closed"]).max() < 1e-12
+    assert 1e-6 < np.abs(crooked["home"][1] - robot.home()[1]).max() < 0.1 * float(robot.length)
 
 
 def test_the_derivative_of_a_shared_dimension_is_the_sum_over_the_legs(prototype):
