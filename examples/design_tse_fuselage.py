@@ -66,17 +66,17 @@ def size_of(robot):
 
 
 def clearances(robot, poses):
-    """By how much each pose (n, 3) keeps clear of the limits and of singularities of type 1 and 2."""
+    """By how much each pose (n, 3) keeps clear of the limits and of singularities of type 1 and 2, for each leg."""
 
     def at(pose):
         solution = js.inverse_kinematics(robot, pose)
         measures = js.singularity(robot, pose, joints=solution.value)
         both = jnp.append(measures.type1, measures.type2)
-        return js.feasibility(robot, pose).margin, jnp.where(solution.converged, both, jnp.nan)
+        return js.margins(robot, pose).ravel(), jnp.where(solution.converged, both, jnp.nan)
 
-    margin, measures = jax.lax.map(at, jnp.concatenate([robot.home()[0][None], poses]), batch_size=1024)
+    margins, measures = jax.lax.map(at, jnp.concatenate([robot.home()[0][None], poses]), batch_size=1024)
     parts = measures[1:] / measures[:1]
-    return jnp.stack([margin[1:] - CLEAR, parts[:, :3].min(axis=1) - STRONG, parts[:, 3] - STRONG], axis=1)
+    return margins[1:] - CLEAR, parts[:, :3] - STRONG, parts[:, 3:] - STRONG
 
 
 def problem(shape=(5, 25)):
@@ -92,7 +92,7 @@ def problem(shape=(5, 25)):
         "params": first,
         "bounds": (lowest, highest),
         "build": build,
-        "constraints": [lambda robot: clearances(robot, poses)],
+        "constraints": [lambda robot: jnp.concatenate(clearances(robot, poses), axis=1)],
     }
 
 
@@ -109,7 +109,7 @@ def draw(robot, dense, clear, folder):
         ax.view_init(elev=15, azim=-20)
     ax = figure.add_subplot(1, 4, 4, box_aspect=1)
     angles = np.rad2deg(-np.asarray(dense[:, 3]))
-    for values, name, mark in zip(clear.T, ("limits", "type 1", "type 2"), "o^s", strict=True):
+    for values, name, mark in zip(clear, ("limits", "type 1", "type 2"), "o^s", strict=True):
         bins = np.linspace(-45, 45, 46)
         lowest = [values[np.digitize(angles, bins) == i].min(initial=np.inf) for i in range(1, len(bins))]
         ax.plot((bins[1:] + bins[:-1]) / 2, lowest, f"k-{mark}", markevery=9, markerfacecolor="w", label=name)
@@ -130,7 +130,7 @@ def main(argv=None):
     jax.config.update("jax_enable_x64", True)
     began = time.perf_counter()
 
-    shape, steps, starts, checked = ((3, 7), 40, 2, 1000) if args.small else ((5, 25), 200, 6, 100_000)
+    shape, steps, starts, checked = ((3, 7), 20, 2, 1000) if args.small else ((5, 25), 60, 6, 100_000)
     result = js.optimize_design(**problem(shape), steps=steps, starts=starts)
     robot = result.robot
     print(f"{result.status.name} in {time.perf_counter() - began:.0f} s; best of {starts} starts")
@@ -139,12 +139,13 @@ def main(argv=None):
         print(f"  {name:<12} {float(value):.4f}" + (f"  held at its {held[0]} bound" if held else ""))
     print(f"footprint {float(footprint(robot)):.3f} m, stroke {float(robot.stroke[1] - robot.stroke[0]):.3f} m")
     dense = Panel().quasi_random(checked, seed=1)[:]
-    clear = np.asarray(jax.jit(clearances)(robot, dense))
+    clear = [np.asarray(part).min(axis=1) for part in jax.jit(clearances)(robot, dense)]
     print(f"least clearance beyond what is asked, on {checked} other poses of the panel:")
-    for name, column in zip(("limits", "type 1", "type 2"), clear.T, strict=True):
-        print(f"  {name}: {column.min():+.4f}")
-    prices = np.asarray(result.prices.constraints).reshape(-1, 3).sum(axis=0)
-    print(f"price of the three clearances, metres per unit: {prices.round(3)}")
+    for name, column in zip(("limits", "type 1", "type 2"), clear, strict=True):
+        print(f"  {name}: {column.min():+.5f}")
+    prices = np.asarray(result.prices.constraints).reshape(shape[0] * shape[1], -1)
+    limits, type1, type2 = (part.sum() for part in np.split(prices, [-4, -1], axis=1))
+    print(f"price of the three clearances, metres per unit: {limits:.3f}, {type1:.3f}, {type2:.3f}")
     draw(robot, dense, clear, args.figures)
     print(f"figures in {args.figures}/, {time.perf_counter() - began:.0f} s in all")
 

@@ -171,6 +171,7 @@ def test_batches_tune_what_the_whole_sample_measures():
             steps=40,
             poses=sample,
             batch_size=batch_size,
+            optimizer=optax.adam(optax.cosine_decay_schedule(0.03, 40, 0.02)),
         )
 
     whole, batches = tuned(None), tuned(100)
@@ -186,7 +187,23 @@ class Stopped(Exception):
     pass
 
 
-@pytest.mark.parametrize("optimizer", [None, optax.lbfgs()], ids=["adam", "lbfgs"])
+def test_the_default_ends_on_what_binds_in_a_few_steps():
+    """min x^2 + 2 y^2 + z with z >= x^2 + y^2 - 1, x + y >= 1/2, x <= 0.2: x = 0.2, y = 0.3, z = -0.87."""
+    result = js.optimize_design(
+        lambda p: p[0] ** 2 + 2 * p[1] ** 2 + p[2],
+        jnp.array([-0.5, -0.5, 0.0]),
+        bounds=(-jnp.ones(3), jnp.array([0.2, 1.0, 1.0])),
+        constraints=[lambda p: jnp.stack([p[2] - p[0] ** 2 - p[1] ** 2 + 1, p[0] + p[1] - 0.5])],
+        steps=15,
+    )
+    np.testing.assert_allclose(result.params, [0.2, 0.3, -0.87], atol=1e-9)
+    assert float(result.starts.violation[0]) < 1e-8
+    np.testing.assert_allclose(result.prices.constraints, [1.0, 1.8], atol=1e-6)  # the latter is 4 y + 2 y
+    np.testing.assert_allclose(result.prices.high, [1.0, 0.0, 0.0], atol=1e-6)  # 1.8 - 2 x - 2 x
+    assert float(result.prices.rest) < 1e-6
+
+
+@pytest.mark.parametrize("optimizer", [None, optax.adam(0.03), optax.lbfgs()], ids=["sqp", "adam", "lbfgs"])
 def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(optimizer, tmp_path, monkeypatch):
     def tuned(**options):
         return js.optimize_design(

@@ -25,7 +25,7 @@ LEVELS = [
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions", "reach", "encumbrance", "tolerances"},
     {"tasks", "_samples"},
-    {"workspace", "_descent", "extremes", "loci", "clearance"},
+    {"workspace", "_descent", "_sqp", "extremes", "loci", "clearance"},
     {"exact", "metrics", "aspects", "_slices", "design", "binding"},
     {"modes", "_singularity_pictures", "tradeoffs"},
     {"plot"},

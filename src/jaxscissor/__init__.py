@@ -44,6 +44,7 @@ from jaxscissor.exact import exact_workspace_fraction as exact_workspace_fractio
 from jaxscissor.extremes import joint_range as joint_range
 from jaxscissor.extremes import minimum_over as minimum_over
 from jaxscissor.feasibility import feasibility as feasibility
+from jaxscissor.feasibility import margins as margins
 from jaxscissor.jacobians import closure_jacobians as closure_jacobians
 from jaxscissor.jacobians import inverse_jacobian as inverse_jacobian
 from jaxscissor.kinematics import forward_kinematics as forward_kinematics

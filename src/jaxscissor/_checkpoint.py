@@ -26,7 +26,7 @@ def save(path: str, job: dict[str, Any], done: int, totals: Any) -> None:
 
 
 def restore(path: str, job: dict[str, Any], totals: Any) -> tuple[int, Any]:
-    """Number of chunks done and their totals; zero and those given if there is no file.
+    """Number of chunks done and their totals, in JAX or NumPy like those given, which it returns without a file.
 
     Raises:
       ValueError: the file is no checkpoint, or one of another job.
@@ -38,7 +38,8 @@ def restore(path: str, job: dict[str, Any], totals: Any) -> tuple[int, Any]:
         from jax.experimental import multihost_utils
 
         state = multihost_utils.broadcast_one_to_all(state)
-    return int(state[0]), jax.tree.map(jnp.asarray, state[1])
+    kinds = jax.tree.map(lambda leaf: jnp.asarray if isinstance(leaf, jax.Array) else np.asarray, totals)
+    return int(state[0]), jax.tree.map(lambda kind, leaf: kind(leaf), kinds, state[1])
 
 
 def _read(path: str, job: dict[str, Any], totals: Any) -> tuple[np.ndarray, Any]:

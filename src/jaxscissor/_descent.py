@@ -103,17 +103,26 @@ def begun(units: Any, optimizer: Any, evaluate: Evaluate, own: Any, shared: Any)
     return Descent(units, jax.vmap(optimizer.init)(units), multipliers, Seen(units, *unseen))
 
 
-def start_units(params: Any, low: Any, high: Any, starts: int, seed: int) -> Any:
-    """Starts scaled to the unit cube: the given one, then random ones."""
-    generator = np.random.default_rng(seed)
+def adam(steps: int) -> Any:
+    """The optimizer for so many steps where none is given."""
+    import optax
+
+    return optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))
+
+
+def start_units(params: Any, low: Any, high: Any) -> Any:
+    """A design scaled to the unit cube, on a leading axis of length one."""
 
     def leaf(value, a, b):
         wide = b > a
-        first = jnp.where(wide, (value - a) / jnp.where(wide, b - a, 1), 0)
-        others = jnp.asarray(generator.random((starts - 1, *value.shape)), value.dtype)
-        return jnp.concatenate([first[None], others])
+        return jnp.where(wide, (value - a) / jnp.where(wide, b - a, 1), 0)[None]
 
     return jax.tree.map(leaf, params, low, high)
+
+
+def drawn_units(like: Any, count: int, generator: np.random.Generator) -> Any:
+    """Random designs in the unit cube, on a leading axis."""
+    return jax.tree.map(lambda leaf: jnp.asarray(generator.random((count, *leaf.shape[1:])), leaf.dtype), like)
 
 
 def slacks_of(constraints: Sequence[Callable[[Any], Any]], robot: Any) -> jax.Array:

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxscissor._vectors import Vec
 
@@ -101,8 +102,26 @@ def _laplace(rows: Sequence[Sequence[Scalar]]) -> Scalar:
 
 @_laplace.defjvp
 def _laplace_jvp(primals, tangents):
-    """By the cofactors, which JAX has at rank loss too: the polynomial's own derivatives take a minute to compile."""
-    return _laplace(*primals), jax.jvp(jnp.linalg.det, (_matrix(*primals),), (_matrix(*tangents),))[1]
+    """By the same expansion over arrays: the derivatives of a thousand scalars take a minute to compile.
+
+    Not by ``jnp.linalg.det``: in a large program its calls of LAPACK were seen to wait for each other for ever.
+    """
+    return _laplace(*primals), jax.jvp(_laplace_of_array, (_matrix(*primals),), (_matrix(*tangents),))[1]
+
+
+def _laplace_of_array(matrix: jax.Array) -> Scalar:
+    """The expansion with all minors of a half side by side, their columns picked by products with zeros and ones."""
+    size, half = len(matrix), len(matrix) // 2
+    chosen = list(itertools.combinations(range(size), half))
+    rest = [[j for j in range(size) if j not in columns] for columns in chosen]
+    signs = [(-1) ** (sum(columns) - half * (half - 1) // 2) for columns in chosen]
+
+    def minors(rows, columns):
+        picks = np.eye(size)[:, np.array(columns).T]
+        picked = jnp.einsum("ij,jkc->ikc", rows, jnp.asarray(picks, matrix.dtype))
+        return determinant([list(row) for row in picked])
+
+    return jnp.sum(jnp.asarray(signs, matrix.dtype) * minors(matrix[:half], chosen) * minors(matrix[half:], rest))
 
 
 def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:

@@ -13,7 +13,7 @@ from jaxscissor._pytree import float_dtype, pytree, static
 from jaxscissor._samples import checked_sample, each_pose, without_size
 from jaxscissor._sweep import add_up, planned
 from jaxscissor.constraints import constrained_pose
-from jaxscissor.feasibility import margins_of_legs
+from jaxscissor.feasibility import margins
 from jaxscissor.mechanisms._contract import Mechanism
 
 
@@ -71,7 +71,7 @@ def binding_limits(robot: Mechanism, poses: Any, *, chunk_size: int | None = Non
     robot, sample = checked_sample(robot, poses)
     sample = each_pose(sample)
     plan = planned(len(sample), chunk_size, None, None)
-    shape = jax.eval_shape(lambda: margins_of_legs(robot, robot.home()[0])).shape
+    shape = jax.eval_shape(lambda: margins(robot, robot.home()[0])).shape
     zero = jnp.zeros((), float_dtype(robot))
     start = zero + jnp.zeros(shape), zero + jnp.zeros((*shape, robot.space.dimension)), zero
     job = {"robot": robot, "sample": without_size(sample)}
@@ -87,10 +87,10 @@ def _count(_, totals, numbers, counted, robot, sample):
 
     def judge(pose):
         whole = constrained_pose(robot, pose)
-        margins = margins_of_legs(robot, jnp.where(whole.converged, whole.value, robot.home()[0]))
-        margins = jnp.where(jnp.isnan(margins), -jnp.inf, margins)
-        least = jnp.min(margins)
-        first = jnp.arange(margins.size).reshape(margins.shape) == jnp.argmin(margins)
+        each = margins(robot, jnp.where(whole.converged, whole.value, robot.home()[0]))
+        each = jnp.where(jnp.isnan(each), -jnp.inf, each)
+        least = jnp.min(each)
+        first = jnp.arange(each.size).reshape(each.shape) == jnp.argmin(each)
         return first & (least < 0) & whole.converged, ~whole.converged
 
     poses = fence(sample.poses(numbers))

@@ -21,7 +21,9 @@ from jaxscissor._descent import (
     Seen,
     Sight,
     Step,
+    adam,
     begun,
+    drawn_units,
     held_back,
     slacks_of,
     start_units,
@@ -29,10 +31,14 @@ from jaxscissor._descent import (
 )
 from jaxscissor._progress import progress
 from jaxscissor._pytree import as_floats, pytree, static
+from jaxscissor._sqp import sqp_begun, sqp_stepper
 from jaxscissor.regions import Sample
 
 if TYPE_CHECKING:
     import optax
+
+
+_DRAWN, _TOGETHER = 64, 16  # random designs per start, and how many of them are evaluated together
 
 
 class DesignStatus(enum.IntEnum):
@@ -165,8 +171,10 @@ def optimize_design(
 ) -> DesignResult:
     """Minimize ``objective(build(params))`` within bounds and under constraints, by gradient.
 
-    The parameters are scaled to their bounds and projected onto them after each step of the optimizer.
-    Constraints enter by an augmented Lagrangian. All starts run in one vmapped program.
+    The parameters are scaled to their bounds. By default each step is one of sequential quadratic programming,
+    which follows the constraints that bind and ends on them within rounding after some tens of steps. An
+    optimizer of optax is given the gradient of an augmented Lagrangian, and its steps are projected onto the
+    bounds. All starts run in one vmapped program.
 
     Args:
       objective: metric of a robot, a scalar of order one; to maximize, give its negative.
@@ -174,12 +182,13 @@ def optimize_design(
       bounds: (low, high), two pytrees like ``params``, finite. Equal bounds keep a number fixed.
       steps: steps of the optimizer.
       build: makes the robot of the parameters.
-      optimizer: of optax, acting on parameters scaled to [0, 1]; ``optax.lbfgs()`` will do. Default: Adam
-        with a learning rate that decays from 0.03 by a cosine.
+      optimizer: of optax, acting on parameters scaled to [0, 1]; ``optax.lbfgs()`` will do. It is the better
+        choice for hundreds of parameters, each of which costs the default a derivative of every constraint.
+        With batches the default is Adam, with a learning rate that decays from 0.03 by a cosine.
       constraints: functions of a robot, of order one, satisfied where every entry is >= 0. An entry that is
         ``nan``, of a pose that is not reached, counts as violated but does not pull: give the margin, too.
-      starts: number of starts; those after the first are random within the bounds.
-      seed: of the random starts.
+      starts: number of starts; those after the first are the best among random designs, 64 per start.
+      seed: of the random designs.
       poses: ``(n, d)`` poses, or a sample of a region, for an ``objective(robot, poses)``.
       batch_size: poses of which each step sees that many, the next ones, round and round. Objectives of two
         steps then cannot be compared: each start's design is its latest that keeps the constraints, and in
@@ -202,12 +211,8 @@ def optimize_design(
       >>> round(float(result.params), 3), result.status.name, round(float(result.prices.high), 3)
       (1.0, 'IMPROVED', 2.0)
     """
-    import optax  # importing it with the package would cost a sixth of the time that JAX takes
-
     _check_counts(steps, starts, poses, batch_size, tolerance)
     params, low, high = checked_bounds(params, bounds)
-    units = start_units(params, low, high, starts, seed)
-    optimizer = optimizer or optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))
 
     def scaled(unit):
         return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
@@ -216,11 +221,13 @@ def optimize_design(
         robot = build(scaled(unit))
         return jnp.asarray(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
 
-    step = stepper(evaluate, optimizer, comparable=batch_size is None)
-    state = begun(units, optimizer, evaluate, (), jnp.uint32(0))
+    step, begin = _method(evaluate, optimizer, steps, batch_size)
+    units = _screened(evaluate, start_units(params, low, high), starts, seed)
+    state = begin(units)
     run = _run(step, state, steps, tolerance, checkpoint, (params, low, high, seed, batch_size))
     sight = step(dataclasses.replace(run.state, units=run.state.best.units), (), jnp.uint32(0), False)[1]
-    best, started = run.state.best, (run.log[0][0, 0], run.log[1][0, 0])
+    best, sight = jax.tree.map(jnp.asarray, (run.state.best, sight))
+    started = run.log[0][0, 0], run.log[1][0, 0]
     if batch_size is not None:
         judged = jax.tree.map(lambda first, others: jnp.concatenate([first[:1], others]), units, best.units)
         over_all = jax.jit(partial(jax.lax.map, lambda unit: evaluate(unit, (), jnp.uint32(0), None)[0]))(judged)
@@ -240,6 +247,27 @@ def optimize_design(
     )
 
 
+def _method(evaluate: Any, optimizer: Any, steps: int, batch_size: int | None) -> tuple[Step, Callable[[Any], Any]]:
+    """The function that takes a step, and the one that gives the state before the first."""
+    if optimizer is None and batch_size is None:
+        return sqp_stepper(evaluate), lambda units: sqp_begun(units, evaluate, (), jnp.uint32(0))
+    optimizer = optimizer or adam(steps)
+    step = stepper(evaluate, optimizer, comparable=batch_size is None)
+    return step, lambda units: begun(units, optimizer, evaluate, (), jnp.uint32(0))
+
+
+def _screened(evaluate: Any, given: Any, starts: int, seed: int) -> Any:
+    """The given design and the best of many random ones, in the unit cube."""
+    if starts == 1:
+        return given
+    drawn = drawn_units(given, _DRAWN * starts, np.random.default_rng(seed))
+    judge = jax.jit(partial(jax.lax.map, lambda unit: evaluate(unit, (), jnp.uint32(0)), batch_size=_TOGETHER))
+    objective, slack = judge(drawn)
+    violation = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), axis=1, initial=ALLOWED)
+    order = jnp.lexsort([objective, jnp.where(jnp.isfinite(objective), violation, jnp.inf)])[: starts - 1]
+    return jax.tree.map(lambda first, others: jnp.concatenate([first, others[order]]), given, drawn)
+
+
 class _Run(NamedTuple):
     """The state after the last step, and what all steps saw: objectives, violations, multipliers."""
 
@@ -254,7 +282,13 @@ def _run(step: Step, state: Descent, steps: int, tolerance: Any, checkpoint: Any
     done, job, path = 0, {}, None if checkpoint is None else os.fspath(checkpoint)
     if path is not None:
         seen = step(state, (), jnp.uint32(0), False)[1]
-        job = {"parameters": settings, "objective": (seen.objective, seen.violation), "steps": steps}
+        kind = jax.tree.map(lambda leaf: np.zeros(np.shape(leaf)), state)
+        job = {
+            "parameters": settings,
+            "objective": (seen.objective, seen.violation),
+            "optimizer": kind,
+            "steps": steps,
+        }
         done, (state, saved) = restore(path, job, (state, log))
         log = tuple(np.array(column) for column in saved)
     numbers = range(done, steps + 1)

@@ -142,11 +142,40 @@ def _leg_margins(leg: Any, attachment: Any, home: Any, differentiated: bool) -> 
     return [edge, *leg.margins(joints, attachment)], result
 
 
-def margins_of_legs(robot: Mechanism, pose: jax.Array) -> jax.Array:
-    """Margins ``(legs, limits)``, the least of which is that of ``feasibility``; first the edge of the home mode."""
+def margins(robot: Mechanism, pose: Any) -> jax.Array:
+    """Distances of a pose from the edge of the home mode and from every limit, leg by leg.
+
+    The least of them is the margin of ``feasibility``. Each alone is smooth, so that as constraints of
+    ``optimize_design`` they serve better than their minimum.
+
+    Args:
+      robot: the robot; every array in it is differentiable.
+      pose: ``(d,)`` in the base frame.
+
+    Returns:
+      ``(legs, 1 + limits)``, dimensionless, >= 0 where kept; first the edge of the home mode, then the limits
+      as ``robot.legs().limits`` names them; infinite for a limit that is not finite.
+
+    Raises:
+      ValueError: wrong shape of the pose.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.NavaroII.prototype()
+      >>> found = js.margins(robot, [45.0, 26.0, 0.1])
+      >>> found.shape, bool(found.min() == js.feasibility(robot, [45.0, 26.0, 0.1]).margin)
+      ((3, 3), True)
+    """
+    robot, pose = checked_pose(robot, pose)
+    return _margins(robot, pose)
+
+
+@jax.jit
+def _margins(robot: Mechanism, pose: jax.Array) -> jax.Array:
     placed = place(robot, pose)
     cases = zip(placed.legs, placed.attachments, placed.homes, strict=True)
-    return jnp.stack([jnp.stack(_leg_margins(*case, False)[0]) for case in cases])
+    found = jnp.stack([jnp.stack(_leg_margins(*case, True)[0]) for case in cases])
+    return jnp.where(placed.finite, found, -jnp.inf)
 
 
 def _nearest(leg: Any, attachment: Any, result: LegResult) -> tuple[Joints, Scalar]:

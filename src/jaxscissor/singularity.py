@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.scipy.linalg import block_diag
 
+from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
-from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.kinematics import inverse_kinematics
-from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, closure, legs_of, split_joints
+from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, split_joints
 
 
 @pytree
@@ -106,12 +109,20 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
     """Both measures at given joints, and the matrix they come from."""
     matrix = fence(closure_matrix(robot, position, rotation, joints))
     d, linear = robot.space.dimension, robot.space.translations
-    type1 = []
-    for columns in leg_columns(robot):
-        block = matrix[jnp.array(columns) - d]  # one equation per joint
-        own, moved = block[:, jnp.array(columns)], block[:, :linear]
-        type1.append(safe_divide(small_determinant(own), safe_sqrt(small_determinant(own @ own.T + moved @ moved.T))))
-    return jnp.stack(type1), _type2(robot, matrix), matrix
+    rows = [matrix[columns[0] - d : columns[-1] + 1 - d] for columns in leg_columns(robot)]  # one per joint
+    own = [block[:, columns[0] : columns[-1] + 1] for block, columns in zip(rows, leg_columns(robot), strict=True)]
+    moved = [block[:, :linear] for block in rows]
+    type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
+    return type1, _type2(robot, matrix), matrix
+
+
+def _alone(own: jax.Array, moved: jax.Array) -> Scalar:
+    """The type-1 measure of a leg whose equations move so with its own joints and with the platform."""
+    return safe_divide(small_determinant(own), safe_sqrt(small_determinant(_gram(own) + _gram(moved))))
+
+
+def _gram(rows: jax.Array) -> jax.Array:
+    return jnp.sum(rows[:, None] * rows[None], axis=-1)
 
 
 def _type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
@@ -152,23 +163,38 @@ def _without_passive(robot: Mechanism, matrix: jax.Array) -> jax.Array | None:
 
 def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array) -> jax.Array:
     """Derivative of the closure by (twist, joints leg by leg), lengths in units of the robot's length."""
-    legs, angular = legs_of(robot), robot.legs().angular
-    d, linear = robot.space.dimension, robot.space.translations
-    split = split_joints(robot, joints)
+    angular, d = robot.legs().angular, robot.space.dimension
 
-    def equations(steps):
-        twist = [robot.length * s if i < linear else s for i, s in enumerate(steps[:d])]
-        moved = robot.space.nudge(position, rotation, twist)
-        rest = iter(steps[d:])
-        turned = [
-            tuple(q + next(rest) * (1 if angular and angular[i] else robot.length) for i, q in enumerate(leg))
-            for leg in split
-        ]
-        return closure(robot, legs, turned, *moved)
+    def placed(twist):
+        lengths = [robot.length * s if i < robot.space.translations else s for i, s in enumerate(twist)]
+        moved = robot.space.nudge(position, rotation, lengths)
+        return robot.attachments(*moved), robot.constraints(*moved)
 
-    zero = jnp.zeros_like(joints[0])
-    _, rows = value_and_jacobian(equations, (zero,) * (d + joints.shape[0]))
-    return jnp.stack([jnp.stack(row) for row in rows])
+    (seen, _), (shifts, constraints) = _pushed(placed, jnp.zeros(d, joints.dtype))
+
+    def of_leg(leg, case):
+        q, attachment, shift = case
+
+        def turned(steps):
+            units = [1 if angular and angular[i] else robot.length for i in range(len(q))]
+            return leg.residual(tuple(x + unit * s for x, unit, s in zip(q, units, steps, strict=True)), attachment)
+
+        by_twist = jax.vmap(lambda tangent: jax.jvp(partial(leg.residual, q), (attachment,), (tangent,))[1])(shift)
+        _, by_joints = _pushed(turned, jnp.zeros(len(q), joints.dtype))
+        return jnp.stack(by_twist), jnp.stack(by_joints)
+
+    cases = list(zip(split_joints(robot, joints), seen, shifts, strict=True))
+    blocks = over_legs(of_leg, robot.legs(), cases)
+    own = block_diag(*[by_joints for _, by_joints in blocks])
+    rows = [jnp.concatenate([jnp.concatenate([twist for twist, _ in blocks]), own], axis=1)]
+    rows += [jnp.pad(row, (0, own.shape[1]))[None] for row in constraints]
+    return jnp.concatenate(rows)
+
+
+def _pushed(function: Callable[[jax.Array], Any], at: jax.Array) -> tuple[Any, Any]:
+    """Value, and the derivatives by every entry on a leading axis."""
+    push = jax.vmap(lambda basis: jax.jvp(function, (at,), (basis,)), out_axes=(None, 0))
+    return push(jnp.eye(len(at), dtype=at.dtype))
 
 
 def leg_columns(robot: Mechanism) -> list[list[int]]:

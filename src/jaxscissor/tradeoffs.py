@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._descent import ALLOWED, PERIOD, begun, slacks_of, start_units, stepper
+from jaxscissor._descent import ALLOWED, PERIOD, adam, begun, drawn_units, slacks_of, start_units, stepper
 from jaxscissor._progress import progress
 from jaxscissor._pytree import pytree
 from jaxscissor.design import DesignResult, DesignStatus, checked_bounds, optimize_design
@@ -59,7 +59,7 @@ def pareto_front(
       objectives: metrics of a robot, two or more, all to be minimized.
       params, bounds, build, constraints: as of ``optimize_design``.
       steps: steps of the optimizer in each round.
-      optimizer: of optax. Default: as of ``optimize_design``.
+      optimizer: of optax. Default: Adam with a learning rate that decays from 0.03 by a cosine.
       designs: number of weights, and of random designs to start from.
       seed: of the random designs.
 
@@ -76,15 +76,15 @@ def pareto_front(
       >>> bool(front.params.min() > -0.01), bool(front.params.max() < 1.01), len(front.values) > 50
       (True, True, True)
     """
-    import optax  # importing it with the package would cost a sixth of the time that JAX takes
-
     if len(objectives) < 2 or designs < 2 or steps < 1:
         raise ValueError(
             f"Got {len(objectives)} objectives, designs={designs}, steps={steps}; expected at least 2, 2 and 1."
         )
     params, low, high = checked_bounds(params, bounds)
-    optimizer = optimizer or optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))
-    units = start_units(params, low, high, designs, seed)
+    optimizer = optimizer or adam(steps)
+    given = start_units(params, low, high)
+    drawn = drawn_units(given, designs - 1, np.random.default_rng(seed))
+    units = jax.tree.map(lambda first, others: jnp.concatenate([first, others]), given, drawn)
     dtype = jnp.result_type(jax.tree.leaves(params)[0])
     weights = jnp.asarray(_weights(len(objectives), designs), dtype)
 
