@@ -85,13 +85,24 @@ class Judge:
         return np.nan_to_num(cost, nan=1e6, posinf=1e6)
 
 
+def first_robot(problem, judge, seed):
+    """The first random design that is a robot."""
+    for unit in np.random.default_rng(seed).random((1000, judge.dimension)):
+        try:
+            problem["build"](judge.params(unit))
+            return judge.params(unit)
+        except ValueError:
+            continue
+    raise ValueError("Got bounds within which no random design is a robot.")
+
+
 def descent(problem, judge, seed, steps, starts):
     """``optimize_design`` from a random design and the best of others.
 
     Every call makes programs of its own: the time up to the end of the first step counts as compilation, and
     the random designs as what the same number takes in the compiled program of the other searches.
     """
-    params = judge.params(np.random.default_rng(seed).random(judge.dimension))
+    params = first_robot(problem, judge, seed)
     seconds, stepper, screened = [], sqp.sqp_stepper, design._screened
 
     def clocked(function):

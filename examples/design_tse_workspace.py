@@ -93,7 +93,7 @@ def main(argv=None):
     jax.config.update("jax_enable_x64", True)
     began = time.perf_counter()
 
-    rays, steps, checked = (64, 20, 20_000) if args.small else (341, 100, 4_000_000)
+    rays, steps, checked = (64, 12, 20_000) if args.small else (341, 25, 4_000_000)
     result = js.optimize_design(**problem(rays), steps=steps)
     first, robot = result.initial, result.robot
     print(f"{result.status.name} in {time.perf_counter() - began:.0f} s")

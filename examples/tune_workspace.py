@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import matplotlib
 import numpy as np
+import optax
 
 import jaxscissor as js
 
@@ -46,6 +47,7 @@ def tune(robot, region, samples, steps):
         build=build,
         bounds=(jnp.array([0.0, 0.0, 0.08]), jnp.array([jnp.pi / 4, 0.15, 0.2])),
         steps=steps,
+        optimizer=optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02)),
         constraints=[lambda design: js.height_amplification(design, robot, heights) - KEPT_AMPLIFICATION],
     )
 

@@ -234,6 +234,19 @@ def test_the_margin_is_continuous_and_changes_sign_at_the_boundary(robot, rng):
         assert np.abs(np.diff(line)).max() < 0.03, "a jump"
 
 
+def test_the_least_of_all_margins_is_that_of_feasibility(robot, rng):
+    poses = reachable_poses(robot, rng)[:4]
+    each, margin = jax.vmap(lambda p: (js.margins(robot, p), js.feasibility(robot, p).margin))(poses)
+    names = robot.legs().limits
+    assert each.shape == (4, len(robot.actuation()), 1 + len(names or each[0, 0, 1:]))
+    np.testing.assert_allclose(each.min(axis=(1, 2)), margin, rtol=1e-12)
+    slopes = [
+        jax.jit(jax.vmap(jax.grad(f)))(poses)
+        for f in (lambda p: js.margins(robot, p).min(), lambda p: js.feasibility(robot, p).margin)
+    ]
+    assert close(*slopes, 1e-9)
+
+
 def test_the_table_of_dimensions_names_every_field(robot):
     text = repr(robot)
     assert all(field.name in text for field in dataclasses.fields(robot))

@@ -67,6 +67,21 @@ def test_failures_are_named():
         js.optimize_design(lambda x: x["a"], {"a": 0.5}, bounds=(0.0, 1.0), steps=5)
 
 
+def test_a_start_that_is_no_robot_is_refused_and_an_end_that_is_none_is_returned():
+    def build(k1):
+        return js.TripleScissorExtender.from_ratios(k1, 0.5, 0.01, 0.1, scissor_angle=(0.2, 1.2))
+
+    def tuned(k1, constraint):
+        return js.optimize_design(
+            lambda robot: robot.link_lengths[0], k1, build=build, bounds=(0.0, 0.5), steps=5, constraints=[constraint]
+        )
+
+    with pytest.raises(ValueError, match="expected 0 < k1"):
+        tuned(0.0, lambda robot: 1.0)
+    ended = tuned(0.3, lambda robot: -1.0 - robot.link_lengths[0])
+    assert ended.status is js.DesignStatus.INFEASIBLE and float(ended.params) < 1e-6
+
+
 def test_a_whole_robot_can_be_the_parameters(prototype):
     sample = js.Cylinder(prototype.length / 2, prototype.length).quasi_random(500)
     free = ("actuator_angle", "actuator_radius")

@@ -24,8 +24,8 @@ class Seen:
     """A design of every start: where in the unit cube, its objective and largest violation."""
 
     units: Any
-    objective: jax.Array
-    violation: jax.Array
+    objective: Any
+    violation: Any
 
 
 @pytree
@@ -41,13 +41,13 @@ class Descent:
 class Sight(NamedTuple):
     """What a step sees before it moves, per start."""
 
-    objective: jax.Array
-    violation: jax.Array
-    multipliers: jax.Array  # as the slacks suggest them
+    objective: Any
+    violation: Any
+    multipliers: Any  # as the slacks suggest them
     gradient: Any  # of the Lagrangian in the unit cube
 
 
-Step = Callable[[Descent, Any, Any, Any], tuple[Descent, Sight]]
+Step = Callable[[Any, Any, Any, Any], tuple[Any, Sight]]  # (state, own, shared, raises) -> state, what was seen
 
 
 def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> Step:

@@ -156,8 +156,8 @@ def quadratic_program(
         down, up = np.maximum(d - low, _TINY), np.maximum(high - d, _TINY)
         gaps = np.concatenate([m * s, rest * t, below * down, above * up], axis=1)
         target = 0.1 * gaps.mean(axis=1, keepdims=True)
-        open_ = gaps.max(axis=1, keepdims=True) > _GAP
-        if not open_.any():
+        unsolved = gaps.max(axis=1, keepdims=True) > _GAP
+        if not unsolved.any():
             break
         soft = 1 / (s + m * t / rest)
         bend = curvature + columns @ ((soft * m)[..., None] * rows)
@@ -171,7 +171,7 @@ def quadratic_program(
         values = np.concatenate([s, t, m, rest, down, up, below, above], axis=1)
         changes = np.concatenate([by(rows, dd) + dt, dt, dm, -dm, dd, -dd, dbelow, dabove], axis=1)
         part = np.max(-changes / values, axis=1, keepdims=True)
-        size = open_ * 0.99 / np.maximum(part, 0.99)
+        size = unsolved * 0.99 / np.maximum(part, 0.99)
         d, t, m, below, above = (
             d + size * dd,
             t + size * dt,

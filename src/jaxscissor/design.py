@@ -203,8 +203,8 @@ def optimize_design(
 
     Raises:
       ValueError: bounds that are not finite, out of order, or of another structure than ``params``;
-        params outside them; fewer than one step or start; batches without poses, or larger than all of
-        them, or with a tolerance; the checkpoint of another optimization.
+        params outside them, or of which no robot can be built; fewer than one step or start; batches
+        without poses, or larger than all of them, or with a tolerance; the checkpoint of another optimization.
 
     Example:
       >>> result = optimize_design(lambda x: (x - 2.0) ** 2, 0.5, bounds=(0.0, 1.0), steps=50)
@@ -213,6 +213,7 @@ def optimize_design(
     """
     _check_counts(steps, starts, poses, batch_size, tolerance)
     params, low, high = checked_bounds(params, bounds)
+    initial = build(params)  # at once: it may refuse the parameters
 
     def scaled(unit):
         return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
@@ -237,8 +238,8 @@ def optimize_design(
     design = jax.tree.map(lambda leaf: leaf[chosen], all_params)
     return DesignResult(
         params=design,
-        robot=build(design),
-        initial=build(params),
+        robot=jax.jit(build)(design),  # which refuses nothing, so that a design that is no robot is returned, too
+        initial=initial,
         history=History(*map(jnp.asarray, run.log)),
         starts=Starts(all_params, best.objective, best.violation),
         prices=_prices(jax.tree.map(lambda leaf: leaf[chosen], (sight, best.units)), low, high),
