@@ -18,6 +18,8 @@ _WEIGHT = 10.0  # of a violation in the merit at first; more than the price of a
 _RADIUS = 0.2  # of the first step, in widths of the bounds
 _POINTS = 40  # steps of the interior-point method, at most
 _GAP, _TINY = 1e-11, 1e-14  # complementarity that counts as solved, least distance from a bound
+_CLOSE = 1e-3  # slack beyond the trust region below which a constraint is looked at
+_NOISE = 1e-12  # promised fall of the merit, beside one, that rounding hides
 _KEPT = 1e-6  # violation that asks for no greater weight
 
 
@@ -77,7 +79,7 @@ def sqp_stepper(evaluate: Evaluate) -> Step:
         flat = _flat(state.units)
         taken = fall > 0
         again = ~taken & (fall > -np.inf) & ~state.again
-        radius = np.where(again, state.radius, _resized(state, flat, fall))
+        radius = np.where(again & (flat != state.at).any(axis=1), state.radius, _resized(state, flat, fall))
         curvature = _learned(state, flat, near, fall > -np.inf)
         bent = near.slack - state.near.slack - np.einsum("smn,sn->sm", state.near.rows, flat - state.at)
         at, near = _where(taken, (flat, near), (state.at, state.near))
@@ -122,7 +124,7 @@ def sqp_begun(units: Any, evaluate: Evaluate, own: Any, shared: Any) -> Program:
 def _model_minimum(near: Linear, curvature: np.ndarray, low: np.ndarray, high: np.ndarray, weight: np.ndarray):
     """As ``quadratic_program``, which is given only as many constraints as may bind within the box."""
     least = near.slack - (np.abs(near.rows) @ np.maximum(-low, high)[..., None])[..., 0]
-    first = np.argsort(least, axis=1)[:, : (least < 0).sum(axis=1).max(initial=0)]
+    first = np.argsort(least, axis=1)[:, : (least < _CLOSE).sum(axis=1).max(initial=0)]
     slack, rows = np.take_along_axis(near.slack, first, 1), np.take_along_axis(near.rows, first[..., None], 1)
     move, some, change = quadratic_program(near._replace(slack=slack, rows=rows), curvature, low, high, weight)
     multipliers = np.zeros_like(near.slack)
@@ -195,12 +197,15 @@ def _fall(state: Program, near: Linear) -> tuple[np.ndarray, Linear]:
 
 
 def _resized(state: Program, flat: np.ndarray, fall: np.ndarray) -> np.ndarray:
-    """The trust region after a step whose merit fell by so much."""
+    """The trust region after a step whose merit fell by so much; as at first after none, to see what binds."""
     length = np.abs(flat - state.at).max(axis=1)
     ratio = fall / np.maximum(state.promised, 1e-15)
     grown = np.where(length > 0.9 * state.radius, np.minimum(2 * state.radius, 1), state.radius)
     kept = np.where(ratio > 0.75, grown, np.where(ratio < 0.25, length / 4, state.radius))
-    return np.where(np.isfinite(state.near.value) & (length > 0), kept, state.radius)
+    known = np.isfinite(state.near.value)
+    noise = _NOISE * (1 + np.abs(np.where(known, state.near.value, 0)))
+    radius = np.where(known & (state.promised > noise), kept, state.radius)
+    return np.where(length > 0, radius, _RADIUS)
 
 
 def _learned(state: Program, flat: np.ndarray, near: Linear, finite: np.ndarray) -> np.ndarray:

@@ -262,10 +262,14 @@ def _screened(evaluate: Any, given: Any, starts: int, seed: int) -> Any:
     if starts == 1:
         return given
     drawn = drawn_units(given, _DRAWN * starts, np.random.default_rng(seed))
-    judge = jax.jit(partial(jax.lax.map, lambda unit: evaluate(unit, (), jnp.uint32(0)), batch_size=_TOGETHER))
-    objective, slack = judge(drawn)
-    violation = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), axis=1, initial=ALLOWED)
-    order = jnp.lexsort([objective, jnp.where(jnp.isfinite(objective), violation, jnp.inf)])[: starts - 1]
+
+    def judge(unit):
+        objective, slack = evaluate(unit, (), jnp.uint32(0))
+        short = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), initial=ALLOWED)
+        return objective, jnp.where(jnp.isfinite(objective), short, jnp.inf)
+
+    objective, violation = jax.jit(partial(jax.lax.map, judge, batch_size=_TOGETHER))(drawn)
+    order = jnp.lexsort([objective, violation])[: starts - 1]
     return jax.tree.map(lambda first, others: jnp.concatenate([first, others[order]]), given, drawn)
 
 
