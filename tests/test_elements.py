@@ -1,4 +1,4 @@
-"""Small building blocks: scissor, spaces, vectors, small systems, quartic, Newton, fence."""
+"""Small building blocks: scissor, spaces, vectors, quartic, Newton, fence."""
 
 import jax
 import jax.numpy as jnp
@@ -83,14 +83,6 @@ def test_retraction_is_the_exponential_and_its_rates_are_the_twist(twist):
 
     rates = jax.jacfwd(step)(jnp.zeros(()))
     assert np.abs(js.SE3.rates_to_twist(pose) @ rates - jnp.array(twist)).max() < 1e-12
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 5])
-def test_small_systems_are_those_of_numpy(size, rng):
-    matrix, rhs = rng.normal(size=(size, size)) + 3 * np.eye(size), rng.normal(size=size)
-    rows = [list(row) for row in matrix]
-    assert np.abs(np.stack(_numerics.solve(rows, list(rhs))) - np.linalg.solve(matrix, rhs)).max() < 1e-12
-    assert float(_numerics.determinant(rows)) == pytest.approx(np.linalg.det(matrix), rel=1e-12)
 
 
 def test_guards_are_finite_with_their_derivatives_at_the_singular_value():

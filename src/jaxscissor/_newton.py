@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._fence import fence
-from jaxscissor._numerics import Scalar, determinant, regular, safe_divide, safe_sqrt, solve
+from jaxscissor._matrices import determinant, regular, solve
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 
 Unknowns = tuple[Scalar, ...]
 Residual = Callable[[Any, Any], Unknowns]  # (state, args) -> one scalar per unknown

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._matrices import determinant
 from jaxscissor._newton import implicit, newton, value_and_jacobian
-from jaxscissor._numerics import Scalar, determinant
+from jaxscissor._numerics import Scalar
 from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.mechanisms._contract import (
     Joints,

@@ -11,6 +11,7 @@ from jax import lax
 
 from jaxscissor._fence import fence
 from jaxscissor._legs import place, solve_legs
+from jaxscissor._matrices import null_vector
 from jaxscissor._numerics import Scalar, default_tol, safe_divide
 from jaxscissor._pytree import as_arrays, as_floats, pytree
 from jaxscissor._solution import Status
@@ -326,7 +327,7 @@ def _look(robot: Mechanism, start: _Start, step: jax.Array, joints: jax.Array) -
     matrix = fence(closure_matrix(robot, placed.position, placed.rotation, joints))
     d = robot.space.dimension
     type1 = jnp.stack([small_determinant(_own(matrix, jnp.array(c) - d)) for c in leg_columns(robot)])
-    type2 = jnp.linalg.det(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])
+    type2 = small_determinant(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])
     return _Seen(joints, jnp.stack([leg.converged for leg in legs]), jnp.sign(type1), type2, matrix)
 
 
@@ -343,7 +344,7 @@ def _moved(robot: Mechanism, start: _Start, step: jax.Array) -> tuple[Vec, Rotat
 def _edge_normal(robot: Mechanism, start: _Start, step: jax.Array, seen: _Seen, leg: Scalar) -> jax.Array:
     """Normal of the poses that a leg reaches: A dx + B dq = 0, with u B = 0, leaves u A dx = 0."""
     places = jnp.stack([jnp.array(c) - robot.space.dimension for c in leg_columns(robot)])[leg]
-    left = jnp.linalg.svd(_own(seen.matrix, places))[0][:, -1]
+    left = null_vector(_own(seen.matrix, places).T)
     legs, joints = legs_of(robot), split_joints(robot, seen.joints)
 
     def along(step):

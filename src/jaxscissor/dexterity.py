@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxscissor._matrices import singular_values
 from jaxscissor._numerics import safe_divide, safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor.jacobians import twist_jacobian
@@ -56,7 +57,7 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
     def ratios(block):
         if not block.shape[1]:
             return jnp.zeros(0, block.dtype)
-        return jnp.where(usable, 1 / jnp.linalg.svd(block, compute_uv=False), jnp.nan)
+        return jnp.where(usable, 1 / singular_values(block), jnp.nan)
 
     vertical = _vertical(usable, matrix) if linear == 3 else None
     return GearRatios(ratios(matrix[:, :linear]), ratios(matrix[:, linear:]), vertical)

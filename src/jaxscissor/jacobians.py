@@ -9,8 +9,9 @@ import jax.numpy as jnp
 
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, place, solve_legs
+from jaxscissor._matrices import regular, solve
 from jaxscissor._newton import value_and_jacobian
-from jaxscissor._numerics import Scalar, default_tol, regular, solve
+from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._pytree import as_floats
 from jaxscissor.kinematics import flat_residual
 from jaxscissor.mechanisms._contract import (

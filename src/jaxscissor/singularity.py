@@ -13,7 +13,8 @@ from jax.scipy.linalg import block_diag
 
 from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
-from jaxscissor._numerics import Scalar, determinant, safe_divide, safe_sqrt
+from jaxscissor._matrices import determinant, null_vector
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
@@ -214,14 +215,10 @@ def passive_columns(robot: Mechanism) -> list[int]:
 def _motions(robot: Mechanism, matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Right singular vectors of the least singular values: joints with the platform at rest, twist with actuators."""
     d = robot.space.dimension
-    joints = [_null(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in leg_columns(robot)]
-    twist = _null(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])[:d]
+    joints = [null_vector(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in leg_columns(robot)]
+    twist = null_vector(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])[:d]
     scale = jnp.where(jnp.arange(d) < robot.space.translations, robot.length, 1)
     return jnp.stack(joints), scale * twist * safe_divide(1, safe_sqrt(jnp.sum(twist**2)))
-
-
-def _null(matrix: jax.Array) -> jax.Array:
-    return jnp.linalg.svd(matrix)[2][-1]
 
 
 def small_determinant(matrix: jax.Array) -> Scalar:

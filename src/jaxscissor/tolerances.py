@@ -13,6 +13,7 @@ from jax.flatten_util import ravel_pytree
 
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, place, solve_legs
+from jaxscissor._matrices import inverse
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt
 from jaxscissor._platform import all_joints, assemble, assembly_sign, state_at
 from jaxscissor._pytree import as_floats, broadcast, pytree, with_fields
@@ -241,7 +242,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     unit = jnp.eye(len(unknown), dtype=unknown.dtype)
     scale = jnp.where(jnp.arange(size) < robot.space.translations, robot.length, 1)[:, None]
     # row j: how much the closure's residuals move coordinate j of the twist; zero where the pose is not usable
-    adjoint = -scale * jnp.where(usable, jnp.linalg.inv(jnp.where(usable, unknown, unit))[:size], 0)
+    adjoint = -scale * jnp.where(usable, inverse(jnp.where(usable, unknown, unit))[:size], 0)
 
     def residuals(copies):
         crooked = PerLeg(copies)
@@ -257,7 +258,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
 def _regular(matrix: jax.Array) -> Scalar:
     """Whether the matrix has an inverse that is more than rounding."""
     matrix = lax.stop_gradient(matrix)
-    condition = jnp.linalg.norm(matrix) * jnp.linalg.norm(jnp.linalg.inv(matrix))
+    condition = jnp.linalg.norm(matrix) * jnp.linalg.norm(inverse(matrix))
     return condition < 1 / (4 * float(jnp.finfo(matrix.dtype).eps))  # false for nan
 
 

@@ -18,8 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxscissor._fence import fence
+from jaxscissor._matrices import determinant
 from jaxscissor._newton import value_and_jacobian
-from jaxscissor._numerics import Scalar, determinant
+from jaxscissor._numerics import Scalar
 from jaxscissor._pytree import as_floats, is_concrete
 from jaxscissor._spaces import Space
 from jaxscissor._vectors import Rotation, Vec

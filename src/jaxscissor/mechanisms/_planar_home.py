@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxscissor._matrices import determinant
 from jaxscissor._numerics import Scalar, limit_margins, safe_divide, safe_sqrt
 from jaxscissor._vectors import Vec
 from jaxscissor.mechanisms._planar_triangle import Held
@@ -57,7 +58,7 @@ def _score(base: jax.Array, platform: jax.Array, held: Held, reach: Reach, turn:
     room = jnp.stack(limit_margins(lengths, reach[0] / scale, reach[1] / scale, 1))
     short = jnp.minimum(jnp.min(room), 0)
     # rounded, so that of turns that are alike by symmetry the first is taken on every machine
-    return jnp.where(short < 0, short - 1, jnp.round(jnp.abs(jnp.linalg.det(jnp.stack(rows))), 4))
+    return jnp.where(short < 0, short - 1, jnp.round(jnp.abs(determinant([list(row) for row in rows])), 4))
 
 
 def check_triangle(name: str, points: jax.Array) -> None:
