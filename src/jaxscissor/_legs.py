@@ -91,9 +91,10 @@ class Placed(NamedTuple):
 def place(robot: Mechanism, pose: jax.Array) -> Placed:
     """Evaluate what the legs see of the platform, at the pose and at home."""
     home_pose, home_joints = robot.home()
-    scale = lax.stop_gradient(robot.length)
-    finite = jnp.isfinite(jnp.sum((pose / scale) ** 2))
-    pose = jnp.where(finite, pose, lax.stop_gradient(home_pose))
+    inverse = 1 / lax.stop_gradient(robot.length)
+    finite = jnp.isfinite(fence(sum((x * inverse) ** 2 for x in pose)))
+    # number by number: a batch of vectors would be stored once more
+    pose = jnp.stack([jnp.where(finite, x, h) for x, h in zip(pose, lax.stop_gradient(home_pose), strict=True)])
     position, rotation = robot.space.place(pose)
     legs = legs_of(robot)
     at_home = robot.attachments(*robot.space.place(home_pose))

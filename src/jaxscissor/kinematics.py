@@ -103,7 +103,6 @@ def inverse_kinematics(
 def _inverse_kinematics(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
     solution = _solve(*lax.stop_gradient((robot, pose, guess, tol, max_steps)))
     value = _follow(solution.value, solution.converged, robot, pose)
-    value = jnp.where(solution.status == Status.NONFINITE, jnp.nan, value)
     return Solution(value, solution.status, solution.residual_norm, solution.num_steps)
 
 
@@ -118,7 +117,7 @@ def _solve(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scalar, max_steps
         norms.append(norm(constraints))
         status = jnp.where(norms[-1] <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
     return Solution(
-        value=join_joints(robot, [r.value for r in results]),
+        value=jnp.where(placed.finite, join_joints(robot, [r.value for r in results]), jnp.nan),
         status=jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32),
         residual_norm=jnp.where(placed.finite, norm(norms), jnp.nan),
         num_steps=functools.reduce(jnp.maximum, [r.steps for r in results]),
@@ -134,6 +133,7 @@ def _follow(joints: jax.Array, ok: Scalar, robot: Mechanism, pose: jax.Array) ->
 @_follow.defjvp
 def _follow_jvp(primals, tangents):
     joints, ok, robot, pose = primals
+    joints = jnp.where(jnp.isnan(joints), lax.stop_gradient(robot.home()[1]), joints)  # of a pose that is not finite
 
     def roots(robot, pose):
         placed = place(robot, pose)

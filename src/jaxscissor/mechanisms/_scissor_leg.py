@@ -275,7 +275,7 @@ def _edge(profile: _Profile) -> Scalar:
     fixed = lax.stop_gradient(profile)
     least = lax.stop_gradient(low)
     guess = fence(jnp.maximum(_fold_guess(fixed), least))
-    guess = lax.fori_loop(0, 4, lambda _, u: jnp.maximum(_halley(fixed, u), least), guess)
+    guess = lax.fori_loop(0, 3, lambda _, u: jnp.maximum(_halley(fixed, u), least), guess)
     (fold,) = implicit(_fold_equation, (guess,), folded, profile)
     return jnp.where(folded, fold, low)
 
@@ -314,16 +314,20 @@ def _halley(f: _Profile, u: Scalar) -> Scalar:
 
 def _outer_root(f: _Profile, edge: Scalar) -> Scalar:
     """The root of F above the edge, from the right by Euler steps, exact for parabolas and at folds."""
-    linear = f.B * f.a
+    linear, square = f.B * f.a, f.a * f.b * f.b
+    beta, gamma = f.beta * square, f.gamma * f.a * square
     bound = f.C + jnp.minimum(f.beta * f.a, 0) * f.b * f.b / edge
     u = (-linear + safe_sqrt(linear**2 - 4 * f.A * bound)) / (2 * f.A)
 
     def step(_, u):
-        value, slope, curvature = f.derivatives(u)
+        top = f.A * u * u  # value, slope and curvature times u^2, u^3 and u^4: one division a step
+        value = (top + linear * u + f.C) * u * u + beta * u + gamma
+        slope = (2 * top + linear * u) * u * u - beta * u - 2 * gamma
+        curvature = 2 * top * u * u + 2 * beta * u + 6 * gamma
         root = safe_sqrt(slope**2 - 2 * value * curvature)
-        return jnp.maximum(u - safe_divide(2 * value, slope + root), edge)
+        return jnp.maximum(u - safe_divide(2 * value * u, slope + root), edge)
 
-    return lax.fori_loop(0, 6, step, fence(jnp.maximum(u, edge)))
+    return lax.fori_loop(0, 5, step, fence(jnp.maximum(u, edge)))
 
 
 def _circle_roots(k0: Scalar, k1: Scalar, k2: Scalar, k3: Scalar):
