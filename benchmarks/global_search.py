@@ -27,7 +27,9 @@ from jaxscissor import design
 
 PROBLEMS = {"fuselage": design_tse_fuselage, "workspace": design_tse_workspace}
 STEPS = {"fuselage": 40, "workspace": 20}
-STARTS = {"fuselage": 3, "workspace": 1}
+STARTS = {"fuselage": 3, "workspace": 6}
+SIZE = {"fuselage": ((5, 25),), "workspace": (128, 32)}  # grid of the task; rays and cells
+SMALL = {"fuselage": ((2, 4),), "workspace": (16, 8)}
 SECONDS = {"fuselage": 20, "workspace": 60}  # for each search
 RESULTS = pathlib.Path(__file__).parent / "results"
 ALLOWED, WEIGHT, NEAR, BLOCK = 1e-6, 10.0, (1e-2, 1e-3, 1e-5), 16
@@ -172,9 +174,7 @@ def cma_es(judge, seed, seconds):
 
 
 def compare(name, seeds, small, seconds):
-    problem = (
-        PROBLEMS[name].problem(*((2, 4),) if name == "fuselage" else (16, 8)) if small else PROBLEMS[name].problem()
-    )
+    problem = PROBLEMS[name].problem(*(SMALL if small else SIZE)[name])
     judge, runs = Judge(problem), {"optimize_design": [], "differential evolution": [], "CMA-ES": []}
     for seed in range(seeds):
         runs["optimize_design"].append(descent(problem, judge, seed, 10 if small else STEPS[name], STARTS[name]))
