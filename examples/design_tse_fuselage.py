@@ -101,7 +101,8 @@ def draw(robot, dense, clear, folder):
     import matplotlib.pyplot as plt
 
     folder.mkdir(exist_ok=True)
-    figure = plt.figure(figsize=(14, 4.2), layout="constrained")
+    figure = plt.figure(figsize=(15, 4.2), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.25)  # beside the labels of the axes in space
     for column, unit in enumerate(([0.5, 0.0], [0.5, 0.5], [1.0, 1.0])):
         ax = figure.add_subplot(1, 4, column + 1, projection="3d")
         js.plot.robot(robot, Panel().from_unit(jnp.array(unit)), ax=ax)

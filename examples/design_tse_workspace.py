@@ -71,11 +71,13 @@ def draw(result, folder):
     import matplotlib.pyplot as plt
 
     folder.mkdir(exist_ok=True)
-    figure = plt.figure(figsize=(13, 4), layout="constrained")
+    figure = plt.figure(figsize=(14, 4), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.25)  # beside the labels of the axes in space
     half, height = 0.95, 1.75
     for column, robot in enumerate((result.initial, result.robot)):
         ax = figure.add_subplot(1, 5, 1 + 2 * column, projection="3d")
         js.plot.robot(robot, ax=ax)
+        ax.locator_params(nbins=3)
         ax = figure.add_subplot(1, 5, 2 + 2 * column)
         js.plot.workspace_slice(robot, np.zeros(6), low=(-half, 0), high=(half, height), ax=ax)
     js.plot.history(result, ax=figure.add_subplot(1, 5, 5), label="negative fraction")
