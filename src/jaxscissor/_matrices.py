@@ -1,7 +1,7 @@
 """Determinants, linear systems and singular values of small matrices, entry by entry.
 
 Not by LAPACK: under ``vmap`` its calls in jaxlib 0.10 hold the threads on which they wait for their own work, and a
-program in which as many run side by side as there are cores waits for ever. A batch is also faster entry by entry.
+program in which as many run side by side as there are cores waits for ever.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scal
 
 
 def _eliminated(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Gaussian elimination with row pivots [Golub & Van Loan, alg. 3.4.1], a third of the time of LAPACK's."""
+    """Gaussian elimination with row pivots; 6 x 6 in half the time of LAPACK's under ``vmap``."""
     size, table = len(rows), [[*row, right] for row, right in zip(rows, rhs, strict=True)]
     for k in range(size):
         for i in range(k + 1, size):
@@ -149,7 +149,7 @@ def null_vector(matrix: jax.Array) -> jax.Array:
 def _turned(matrix: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Singular values, the columns turned until they are orthogonal, and the turn, by one-sided Jacobi rotations.
 
-    [Golub & Van Loan, alg. 8.6.3], the pairs of columns in the order of a round-robin tournament.
+    The pairs of columns come in the order of a round-robin tournament.
     """
     (m, n), dtype = matrix.shape, matrix.dtype
     stacked = jnp.concatenate([matrix, jnp.eye(n, dtype=dtype)])
