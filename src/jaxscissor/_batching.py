@@ -48,7 +48,7 @@ def over_legs(function: Callable[[Any, Any], Any], legs: Any, seen: Sequence[Any
     side by side: a third of the program to compile, and the speed of legs unrolled.
     """
     stacked = fence(jax.tree.map(lambda *leaves: jnp.stack(leaves), *seen))
-    out = lax.map(lambda case: function(*case), (legs, stacked))
+    out = lax.map(lambda case: fence(function(*case)), (legs, stacked))
     return [jax.tree.map(lambda leaf, i=i: leaf[i], out) for i in range(len(seen))]
 
 
