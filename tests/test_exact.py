@@ -1,5 +1,7 @@
 """The hard workspace measure along rays: against closed forms, differences, and counts of poses."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -90,13 +92,26 @@ REGIONS = {
 }
 
 
+def region_of(name, robot):
+    if REGIONS[name][0] is not None:
+        return REGIONS[name][0]
+    home, turns = np.asarray(robot.home()[0]), robot.space.dimension - robot.space.translations
+    reach = np.array([0.45 * float(robot.length)] * robot.space.translations + [0.3] * turns)
+    return js.Box(home - 0.93 * reach, home + reach)
+
+
+def test_designs_measured_together_and_each_alone_agree():
+    robot = ROBOTS["three_prs"]()
+    measure = partial(js.exact_workspace_fraction, region=region_of("three_prs", robot), rays=256, axes=(2,), cells=48)
+    designs = jax.tree.map(lambda leaf: leaf * jnp.linspace(0.99, 1.01, 5), robot)
+    alone = [measure(jax.tree.map(lambda leaf, i=i: leaf[i], designs)) for i in range(5)]
+    np.testing.assert_allclose(jax.vmap(measure)(designs), alone, rtol=1e-13)
+
+
 @pytest.mark.parametrize("name", REGIONS)
 def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
-    robot, (region, axis) = ROBOTS[name](), REGIONS[name]
-    if region is None:
-        home, turns = np.asarray(robot.home()[0]), robot.space.dimension - robot.space.translations
-        reach = np.array([0.45 * float(robot.length)] * robot.space.translations + [0.3] * turns)
-        region = js.Box(home - 0.93 * reach, home + reach)
+    robot, axis = ROBOTS[name](), REGIONS[name][1]
+    region = region_of(name, robot)
     way = jax.tree.map(lambda leaf: jnp.where(jnp.isfinite(leaf), leaf, 0) * rng.normal(size=leaf.shape), robot)
     steps = 2e-6 * jnp.array([0.0, 1.0, -1.0, 0.5, -0.5])
     designs = jax.vmap(lambda step: jax.tree.map(lambda leaf, d: leaf + step * d, robot, way))(steps)

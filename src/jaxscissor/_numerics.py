@@ -17,17 +17,18 @@ def default_tol(dtype: Any) -> float:
 
 def tiny(value: Scalar) -> float:
     """A positive number whose square is negligible beside one and whose cube does not vanish."""
-    return float(jnp.finfo(jnp.result_type(value)).eps) ** 2
+    return float(jnp.finfo(jnp.result_type(value, float)).eps) ** 2
 
 
 def safe_sqrt(x: Scalar) -> Scalar:
     """Square root that is zero, with zero derivative, where ``x <= 0``.
 
     The argument is replaced before the root is taken: a ``where`` after it would still send
-    ``0 * inf = nan`` through the derivative.
+    ``0 * inf = nan`` through the derivative. What replaces it is next to nothing: the compiler may evaluate
+    x twice, rounded differently, and so be of two minds about its sign.
     """
     positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, tiny(x))), 0)
 
 
 def safe_divide(numerator: Scalar, denominator: Scalar) -> Scalar:
