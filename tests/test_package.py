@@ -16,7 +16,7 @@ SOURCE = ROOT / "src" / "jaxscissor"
 LEVELS = [
     {"_vectors", "_pytree", "_fence", "_checkpoint", "_progress", "mobility"},
     {"_numerics", "_solution", "_trigonometric", "_batching"},
-    {"_matrices"},
+    {"_matrices", "_sincos"},
     {"_spaces", "_newton", "_bracket", "_quartic", "_sweep", "_distinct", "scissor", "scott"},
     {"mechanisms._contract", "mechanisms._octahedron", "mechanisms._planar_triangle"},
     {"mechanisms.per_leg", "mechanisms._scissor_leg", "mechanisms._scott_leg", "mechanisms._planar_home"},

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
+from jaxscissor._sincos import sine_cosine
 from jaxscissor._vectors import Rotation, Vec
 
 
@@ -61,9 +62,7 @@ class SE3:
     @staticmethod
     def place(pose: jax.Array) -> tuple[Vec, Rotation]:
         """Position and rotation of a pose ``(6,)``."""
-        angles = [pose[3], pose[4], pose[5]]
-        sines, cosines = fence(([jnp.sin(a) for a in angles], [jnp.cos(a) for a in angles]))
-        (sr, sp, sy), (cr, cp, cy) = sines, cosines
+        (sr, cr), (sp, cp), (sy, cy) = fence([sine_cosine(pose[i]) for i in (3, 4, 5)])
         rotation = Rotation(
             Vec(cp * cy, cr * sy + sr * sp * cy, sr * sy - cr * sp * cy),
             Vec(-cp * sy, cr * cy - sr * sp * sy, sr * cy + cr * sp * sy),
@@ -134,7 +133,7 @@ class SE2:
     @staticmethod
     def place(pose: jax.Array) -> tuple[Vec, Rotation]:
         """Position and rotation of a pose ``(3,)``."""
-        s, c = fence((jnp.sin(pose[2]), jnp.cos(pose[2])))
+        s, c = fence(sine_cosine(pose[2]))
         return Vec(pose[0], pose[1]), Rotation(Vec(c, s), Vec(-s, c))
 
     @staticmethod
