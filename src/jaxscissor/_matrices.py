@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, safe_divide
 from jaxscissor._vectors import Vec
 
@@ -104,8 +105,8 @@ def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scal
 
 
 def _eliminated(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Gaussian elimination with row pivots; 6 x 6 in half the time of LAPACK's under ``vmap``."""
-    size, table = len(rows), [[*row, right] for row, right in zip(rows, rhs, strict=True)]
+    """Gaussian elimination with row pivots; unfenced, every number of the solution would evaluate all rows anew."""
+    size, table = len(rows), fence([[*row, right] for row, right in zip(rows, rhs, strict=True)])
     for k in range(size):
         for i in range(k + 1, size):
             larger = jnp.abs(table[i][k]) > jnp.abs(table[k][k])
