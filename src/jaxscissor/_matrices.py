@@ -106,7 +106,7 @@ def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scal
 
 def _eliminated(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:
     """Gaussian elimination with row pivots; unfenced, every number of the solution would evaluate all rows anew."""
-    size, table = len(rows), fence([[*row, right] for row, right in zip(rows, rhs, strict=True)])
+    size, table = len(rows), [[*row, right] for row, right in zip(fence(rows), fence(rhs), strict=True)]
     for k in range(size):
         for i in range(k + 1, size):
             larger = jnp.abs(table[i][k]) > jnp.abs(table[k][k])
