@@ -23,21 +23,31 @@ def fence(tree: Any) -> Any:
 
 
 def _stored(*leaves: jax.Array) -> list[jax.Array]:
-    """The loop runs once where the first element is infinite, and adds its counter, then zero.
+    """A loop that no number starts: its first float, or first leaf, would have to be above all others and below them.
 
-    A body that is plainly the identity would be seen through.
+    The compiler does not prove that, nor that the body is the identity, which it is not: leaves change places with
+    those of their kind, or their sign.
     """
-    largest = float(jnp.finfo(leaves[0].dtype).max)
+    lead = next((i for i, leaf in enumerate(leaves) if jnp.issubdtype(leaf.dtype, jnp.floating)), 0)
+    kinds: dict[Any, list[int]] = {}
+    for i, leaf in enumerate(leaves):
+        kinds.setdefault((leaf.shape, leaf.dtype), []).append(i)
+    source = {i: places[n - 1] for places in kinds.values() for n, i in enumerate(places)}
 
-    def entered(carry):
-        count, values = carry
-        return (values[0].ravel()[0] > largest) & (count < 1) if values[0].size else count < 0
+    def entered(values):
+        first = values[lead].ravel()[:1]
+        first = first if jnp.issubdtype(first.dtype, jnp.floating) else first.astype(jnp.float32)
+        largest = float(jnp.finfo(first.dtype).max)
+        return jnp.all((first > largest) & (first < -largest)) if first.size else jnp.asarray(False)
 
-    def unchanged(carry):
-        count, values = carry
-        return count + 1, [value + count.astype(value.dtype) for value in values]
+    def changed(values):
+        return [values[source[i]] if source[i] != i else _opposite(value) for i, value in enumerate(values)]
 
-    return lax.while_loop(entered, unchanged, (jnp.int32(0), list(leaves)))[1]
+    return lax.while_loop(entered, changed, list(leaves))
+
+
+def _opposite(value: jax.Array) -> jax.Array:
+    return ~value if value.dtype == bool else -value
 
 
 _fence_p = Primitive("fence")

@@ -6,8 +6,8 @@ program in which as many run side by side as there are cores waits for ever.
 
 from __future__ import annotations
 
+import functools
 import itertools
-import math
 from collections.abc import Sequence
 
 import jax
@@ -35,18 +35,6 @@ def determinant(rows: Sequence[Sequence[Scalar]]) -> Scalar:
     if len(rows) <= 6:
         return _laplace(rows)
     return _laplace_of_array(_matrix(rows))
-
-
-def regular(rows: Sequence[Sequence[Scalar]]) -> Scalar:
-    """Whether a small matrix can be inverted: its determinant is more than the rounding of its terms.
-
-    Compared with zero alone, a determinant may pass here and round to zero in ``solve``.
-    """
-    det = determinant(rows)
-    if len(rows) > 3:
-        return det != 0
-    bound = math.prod(sum(jnp.abs(e) for e in row) for row in rows)
-    return jnp.abs(det) > 4 * float(jnp.finfo(jnp.result_type(det)).eps) * bound
 
 
 @jax.custom_jvp
@@ -88,40 +76,117 @@ def _laplace_of_array(matrix: jax.Array) -> Scalar:
 def solve(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:
     """Solve a small linear system: in closed form up to 3 x 3, by elimination above; arrays are several right sides.
 
-    A singular matrix gives ``inf`` or ``nan``; callers mask it beforehand where that can happen.
+    A singular matrix gives anything, ``nan`` included; for one that may be singular see ``solve_regular``.
     """
+    if len(rows) > 3:
+        return _eliminated(rows, rhs)[0]
+    adjugate, det = _adjugate(rows)
+    scale = 1 / det
+    return tuple(sum(c * r for c, r in zip(row, rhs, strict=True)) * scale for row in adjugate)
+
+
+def solve_regular(
+    rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar], ok: Scalar = True
+) -> tuple[tuple[Scalar, ...], Scalar]:
+    """Solution of a small linear system, zero where the matrix is singular to rounding or not ``ok``; and where not.
+
+    Neither depends on the units of the unknowns. The matrix is replaced *before* the solve, so that no ``nan`` can
+    leak into the neighbours of a failed lane, in a derivative either.
+    """
+    if len(rows) <= 3:
+        ok = fence(jnp.asarray(ok) & is_regular(rows))  # else every entry would evaluate it anew
+    safe = [[jnp.where(ok, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
+    masked = [jnp.where(ok, r, 0) for r in rhs]
+    if len(rows) <= 3:
+        return solve(safe, masked), ok
+    solution, regular, _ = _eliminated(safe, masked)
+    regular = fence(regular)
+    return tuple(jnp.where(regular, x, 0) for x in solution), regular & ok
+
+
+def is_regular(rows: Sequence[Sequence[Scalar]]) -> Scalar:
+    """Whether the determinant of a small matrix is more than the rounding of its terms, whatever the units.
+
+    Above 3 x 3: whether every pivot is more than the rounding of its column.
+    """
+    if len(rows) > 3:
+        return _eliminated(rows, [0 * row[0] for row in rows])[1]
+    _, det = _adjugate(rows)
+    bound = _permanent([[jnp.abs(e) for e in row] for row in rows])
+    return jnp.abs(det) > 4 * float(jnp.finfo(jnp.result_type(det)).eps) * bound
+
+
+def determinant_sign(rows: Sequence[Sequence[Scalar]]) -> Scalar:
+    """Sign of the determinant of a small matrix; by its pivots above 3 x 3."""
+    if len(rows) > 3:
+        return _eliminated(rows, [0 * row[0] for row in rows])[2]
+    return jnp.sign(determinant(rows))
+
+
+def _permanent(rows: Sequence[Sequence[Scalar]]) -> Scalar:
+    """The sum of the terms of a determinant without their signs."""
     if len(rows) == 1:
-        return (rhs[0] / rows[0][0],)
+        return rows[0][0]
+    rest = [[[e for k, e in enumerate(row) if k != j] for row in rows[1:]] for j in range(len(rows))]
+    return sum(e * _permanent(minor) for e, minor in zip(rows[0], rest, strict=True))
+
+
+def _adjugate(rows: Sequence[Sequence[Scalar]]) -> tuple[list[tuple[Scalar, ...]], Scalar]:
+    """Adjugate and determinant of a matrix up to 3 x 3."""
+    if len(rows) == 1:
+        return [(jnp.ones_like(rows[0][0]),)], rows[0][0]
     if len(rows) == 2:
         (a, b), (c, d) = rows
-        scale = 1 / (a * d - b * c)
-        return (d * rhs[0] - b * rhs[1]) * scale, (a * rhs[1] - c * rhs[0]) * scale
-    if len(rows) == 3:
-        a, b, c = (Vec(*row) for row in rows)
-        bc, ca, ab = b.cross(c), c.cross(a), a.cross(b)
-        scale = 1 / a.dot(bc)
-        return ((bc * rhs[0] + ca * rhs[1] + ab * rhs[2]) * scale).components
-    return _eliminated(rows, rhs)
+        return [(d, -b), (-c, a)], a * d - b * c
+    a, b, c = (Vec(*row) for row in rows)
+    columns = b.cross(c), c.cross(a), a.cross(b)
+    return list(zip(*(column.components for column in columns), strict=True)), a.dot(columns[0])
 
 
-def _eliminated(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Gaussian elimination with row pivots; unfenced, every number of the solution would evaluate all rows anew."""
-    size, table = len(rows), [[*row, right] for row, right in zip(fence(rows), fence(rhs), strict=True)]
+def _eliminated(
+    rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]
+) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
+    """Gaussian elimination with row pivots: solution, whether the matrix is regular, sign of its determinant.
+
+    For every column k:
+
+    1. Row k is exchanged for each row below whose entry in the column is larger; every exchange turns the sign.
+    2. A pivot that is no more than the rounding of the largest entry that its column had is replaced by 1.
+    3. The multiple of row k that clears the column is subtracted from each row below.
+
+    Then the unknowns follow from the last to the first. Choices, exchanged rows and multiples are fenced: each is
+    used by a row of numbers, every one of which would evaluate all choices and quotients before it anew.
+    """
+    size, eps = len(rows), float(jnp.finfo(jnp.result_type(rows[0][0])).eps)
+    table, right = [list(row) for row in rows], list(rhs)
+    largest = [functools.reduce(jnp.maximum, [jnp.abs(row[j]) for row in table]) for j in range(size)]
+    regular, sign = jnp.asarray(True), jnp.ones_like(table[0][0])
     for k in range(size):
-        for i in range(k + 1, size):
-            larger = jnp.abs(table[i][k]) > jnp.abs(table[k][k])
-            pairs = list(zip(table[k], table[i], strict=True))
-            table[k] = [jnp.where(larger, y, x) for x, y in pairs]
-            table[i] = [jnp.where(larger, x, y) for x, y in pairs]
-        for i in range(k + 1, size):
-            factor = table[i][k] / table[k][k]
-            table[i] = [x - factor * y for x, y in zip(table[i], table[k], strict=True)]
+        below = range(k + 1, size)
+        larger, pivot = [], jnp.abs(table[k][k])
+        for i in below:
+            larger.append(jnp.abs(table[i][k]) > pivot)
+            pivot = jnp.maximum(pivot, jnp.abs(table[i][k]))
+        for i, swap in zip(below, fence(larger), strict=True):
+            top, row = table[k], table[i]
+            table[k] = top[:k] + [jnp.where(swap, y, x) for x, y in zip(top[k:], row[k:], strict=True)]
+            table[i] = row[:k] + [jnp.where(swap, x, y) for x, y in zip(top[k:], row[k:], strict=True)]
+            right[k], right[i] = jnp.where(swap, right[i], right[k]), jnp.where(swap, right[k], right[i])
+            sign = jnp.where(swap, -sign, sign)
+        table[k:], right[k:] = fence(table[k:]), fence(right[k:])
+        more = jnp.abs(table[k][k]) > 16 * size * eps * largest[k]
+        regular, sign = regular & more, sign * jnp.sign(table[k][k])
+        table[k][k] = jnp.where(more, table[k][k], 1)
+        factors = fence([table[i][k] / table[k][k] for i in below])
+        for i, factor in zip(below, factors, strict=True):
+            pairs = zip(table[i][k + 1 :], table[k][k + 1 :], strict=True)
+            table[i] = table[i][: k + 1] + [x - factor * y for x, y in pairs]
+            right[i] = right[i] - factor * right[k]
     solution: list[Scalar] = []
     for k in reversed(range(size)):
-        row = table[k]
-        known = sum(a * x for a, x in zip(row[k + 1 : size], solution, strict=True))
-        solution.insert(0, (row[size] - known) / row[k])
-    return tuple(solution)
+        known = sum(a * x for a, x in zip(table[k][k + 1 :], solution, strict=True))
+        solution.insert(0, (right[k] - known) / table[k][k])
+    return tuple(solution), regular, sign
 
 
 def inverse(matrix: jax.Array) -> jax.Array:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._fence import fence
-from jaxscissor._matrices import determinant, regular, solve
+from jaxscissor._matrices import determinant, solve, solve_regular
 from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 
 Unknowns = tuple[Scalar, ...]
@@ -39,6 +39,7 @@ def value_and_jacobian(function: Callable[[Unknowns], Unknowns], at: Unknowns):
     if size > 3:
         identity = jnp.eye(size, dtype=jnp.result_type(at[0]))
         values, rows = jax.vmap(push, out_axes=(None, 0))(tuple(identity))
+        values, rows = fence((values, rows))  # as arrays: every number on its own would evaluate the whole derivative
         return values, [tuple(row[j] for j in range(size)) for row in rows]
     bases = [tuple(jnp.full_like(x, float(i == j)) for i, x in enumerate(at)) for j in range(size)]
     pushed = [push(basis) for basis in bases]
@@ -54,9 +55,12 @@ def newton(
     max_steps: Scalar,
     active: Scalar = True,
     retract: Retract = add,
+    nudge: Retract | None = None,
     unknowns: int | None = None,
 ) -> tuple[Any, Scalar, Scalar]:
     """Solve ``residual(state, args) = 0`` by Newton steps, halved while they do not reduce the residual.
+
+    ``nudge`` steps like ``retract`` to first order, where that takes fewer operations.
 
     Lanes stop when they converge, and lanes that are not ``active`` never start. Derivatives do not pass:
     see ``implicit``.
@@ -76,7 +80,7 @@ def newton(
 
     def step(carry):
         state, error, damping, count = carry
-        values, rows = value_and_jacobian(lambda d: residual(retract(state, d), args), zero)
+        values, rows = value_and_jacobian(lambda d: residual((nudge or retract)(state, d), args), zero)
         trial = retract(state, tuple(-damping * d for d in solve(rows, values)))
         trial_error = norm(residual(trial, args))
         better = trial_error < error
@@ -95,8 +99,7 @@ def implicit(residual: Residual, root: Unknowns, ok: Scalar, args: Any) -> Unkno
     """Give a root of ``residual(root, args) = 0`` its derivative by the implicit function theorem.
 
     The rule calls itself, so forward, reverse and higher derivatives all work. Where ``ok`` is false, and
-    where the Jacobian is singular to rounding, the derivative is zero; the system is replaced *before* the
-    solve, so that no ``nan`` can leak into the neighbours of a failed lane.
+    where the Jacobian is singular to rounding, the derivative is zero.
     """
     return root
 
@@ -107,10 +110,8 @@ def _implicit_jvp(residual, primals, tangents):
     root = implicit(residual, root, ok, args)
     _, rows = value_and_jacobian(lambda x: residual(x, args), root)
     _, moved = jax.jvp(lambda a: residual(root, a), (args,), (tangents[2],))
-    rows, moved = fence(rows), fence(moved)
-    usable = ok & regular(rows)
-    rows = [[jnp.where(usable, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
-    return root, solve(rows, [jnp.where(usable, -m, 0) for m in moved])
+    tangent, _ = solve_regular(rows if len(rows) > 3 else fence(rows), [-m for m in fence(moved)], ok)
+    return root, tangent
 
 
 def fold_distance(residual: Residual, root: Unknowns, args: Any) -> Scalar:

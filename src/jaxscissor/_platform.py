@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._matrices import determinant
+from jaxscissor._matrices import determinant_sign
 from jaxscissor._newton import implicit, newton, value_and_jacobian
 from jaxscissor._numerics import Scalar
 from jaxscissor._vectors import Rotation, Vec
@@ -47,7 +48,8 @@ def assemble(
 ) -> tuple[State, Scalar, Scalar]:
     """Newton's method from a state, stepping on the rotation group: state, residual and number of steps."""
     args = (robot, legs_of(robot), actuated)
-    return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=_retraction(robot))
+    steps = {"retract": _stepping(robot, robot.space.retract), "nudge": _stepping(robot, robot.space.nudge)}
+    return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, **steps)
 
 
 def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:
@@ -62,11 +64,11 @@ def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok:
 def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
     """Sign of det d residual / d (twist, passive joints), which names the assembly mode between singularities."""
     robot, actuated, state = lax.stop_gradient((robot, actuated, state))
-    args, retract = (robot, legs_of(robot), actuated), _retraction(robot)
+    args, nudge = (robot, legs_of(robot), actuated), _stepping(robot, robot.space.nudge)
     count = len(_state_residual(state, args))
     zero = tuple(jnp.zeros_like(actuated[0]) for _ in range(count))
-    _, rows = value_and_jacobian(lambda d: _state_residual(retract(state, d), args), zero)
-    return jnp.sign(determinant(rows))
+    _, rows = value_and_jacobian(lambda d: _state_residual(nudge(state, d), args), zero)
+    return determinant_sign(rows)
 
 
 def _state_residual(state: State, args) -> Joints:
@@ -84,14 +86,14 @@ def _pose_residual(unknowns: Joints, args) -> Joints:
     return _state_residual(State(position, rotation, unknowns[size:]), args)
 
 
-def _retraction(robot: Mechanism):
+def _stepping(robot: Mechanism, step_pose: Callable[[Vec, Rotation, Joints], tuple[Vec, Rotation]]) -> Callable:
     """Step of the state: lengths in units of the robot's length, angles on the group."""
     size, linear = robot.space.dimension, robot.space.translations
     scale = lax.stop_gradient(robot.length)
 
-    def retract(state, step):
-        twist = [scale * d if i < linear else d for i, d in enumerate(step[:size])]
-        moved = robot.space.retract(state.position, state.rotation, twist)
+    def move(state: State, step: Joints) -> State:
+        twist = tuple(scale * d if i < linear else d for i, d in enumerate(step[:size]))
+        moved = step_pose(state.position, state.rotation, twist)
         return State(*moved, tuple(q + d for q, d in zip(state.passive, step[size:], strict=True)))
 
-    return retract
+    return move

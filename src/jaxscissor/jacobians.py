@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, place, solve_legs
-from jaxscissor._matrices import regular, solve
+from jaxscissor._matrices import solve_regular
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._pytree import as_floats
@@ -114,10 +114,9 @@ def leg_jacobian(leg: Any, attachment: Any, joints: Joints) -> tuple[Scalar, jax
     _, by_joints = value_and_jacobian(lambda q: leg.residual(q, attachment), joints)
     _, by_numbers = value_and_jacobian(lambda a: leg.residual(joints, jax.tree.unflatten(tree, a)), tuple(numbers))
     by_joints, by_numbers = fence((by_joints, by_numbers))
-    invertible = regular(by_joints)
-    safe = [[jnp.where(invertible, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(by_joints)]
-    columns = [jnp.stack(solve(safe, [-c for c in column])) for column in zip(*by_numbers, strict=True)]
-    return invertible, jnp.stack(columns, axis=-1)
+    rhs = [jnp.stack([-e for e in row]) for row in by_numbers]
+    rows, invertible = solve_regular(by_joints, rhs)
+    return invertible, jnp.stack(rows)
 
 
 def _platform_jacobian(robot: Mechanism, placed: Any) -> list[jax.Array]:

@@ -192,7 +192,9 @@ def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Sc
     start = state_at(robot, start_pose, start_joints)
     state, error, steps = assemble(robot, joints, start, tol, max_steps)
 
-    same = assembly_sign(robot, joints, state) == assembly_sign(robot, home_actuated, start)
+    ends = jax.tree.map(lambda *leaves: jnp.stack(leaves), (joints, state), (home_actuated, start))
+    signs = lax.map(lambda end: assembly_sign(robot, *end), ends)  # one after the other through one program
+    same = signs[0] == signs[1]
     converged = error <= tol
     status = jnp.where(converged, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
     for leg, q in zip(legs_of(robot), split_joints(robot, all_joints(robot, joints, state)), strict=True):

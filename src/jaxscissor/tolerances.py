@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 
 from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, place, solve_legs
-from jaxscissor._matrices import inverse
+from jaxscissor._matrices import inverse, is_regular
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt
 from jaxscissor._platform import all_joints, assemble, assembly_sign, state_at
 from jaxscissor._pytree import as_floats, broadcast, pytree, with_fields
@@ -236,7 +236,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     joints = join_joints(robot, [result.value for result in results])
     matrix = fence(closure_matrix(robot, placed.position, placed.rotation, fence(joints)))
     unknown = matrix[:, jnp.array([*range(size), *passive_columns(robot)])]
-    usable = placed.finite & _regular(unknown)
+    usable = placed.finite & is_regular([list(row) for row in unknown])
     for result in results:
         usable = usable & result.solved
     unit = jnp.eye(len(unknown), dtype=unknown.dtype)
@@ -253,13 +253,6 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     _, pull = jax.vjp(residuals, copies_of(robot))
     (by_copies,) = jax.vmap(pull)(fence(adjoint))
     return _Sensitivity(usable, by_copies, adjoint @ _driven(robot, matrix))
-
-
-def _regular(matrix: jax.Array) -> Scalar:
-    """Whether the matrix has an inverse that is more than rounding."""
-    matrix = lax.stop_gradient(matrix)
-    condition = jnp.linalg.norm(matrix) * jnp.linalg.norm(inverse(matrix))
-    return condition < 1 / (4 * float(jnp.finfo(matrix.dtype).eps))  # false for nan
 
 
 def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
