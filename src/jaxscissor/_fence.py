@@ -36,7 +36,8 @@ def _stored(*leaves: jax.Array) -> list[jax.Array]:
 
     def entered(values):
         first = values[lead].ravel()[:1]
-        first = first if jnp.issubdtype(first.dtype, jnp.floating) else first.astype(jnp.float32)
+        if not jnp.issubdtype(first.dtype, jnp.floating):
+            first = first.real if jnp.iscomplexobj(first) else first.astype(jnp.float32)
         largest = float(jnp.finfo(first.dtype).max)
         return jnp.all((first > largest) & (first < -largest)) if first.size else jnp.asarray(False)
 

@@ -40,13 +40,13 @@ class LegResult(NamedTuple):
 def solve_leg(
     leg: Any,
     attachment: Any,
-    home: tuple[Joints, Any],
+    home: Scalar | None,
     *,
     guess: Joints | None,
     tol: Scalar,
     max_steps: Scalar,
 ) -> LegResult:
-    """Solve one leg in the mode of its home (joints, attachment), or in the guess's if a guess is given."""
+    """Solve one leg in the mode with its home's label, or in the guess's if a guess is given."""
     args = (leg, attachment)
     start, reach = leg.start(attachment) if guess is None else (guess, None)
     active = jnp.asarray(True) if reach is None else lax.stop_gradient(reach) >= 0
@@ -54,7 +54,7 @@ def solve_leg(
     converged = active & (error <= tol)
     root = implicit(leg_residual, root, converged, args)
     if reach is None:
-        wanted = leg.mode(*home) if guess is None else leg.mode(guess, attachment)
+        wanted = home if guess is None else leg.mode(guess, attachment)
         solved = converged & (leg.mode(root, attachment) == wanted)
     else:
         solved = converged
@@ -85,7 +85,7 @@ class Placed(NamedTuple):
     rotation: Rotation
     legs: list[Any]
     attachments: list[Any]
-    homes: list[tuple[Joints, Any]]
+    homes: list[Scalar | None]  # labels of the home modes, of legs whose reach is not known in closed form
 
 
 def place(robot: Mechanism, pose: jax.Array) -> Placed:
@@ -97,10 +97,16 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     pose = jnp.stack([jnp.where(finite, x, h) for x, h in zip(pose, lax.stop_gradient(home_pose), strict=True)])
     position, rotation = robot.space.place(pose)
     legs = legs_of(robot)
-    at_home = robot.attachments(*robot.space.place(home_pose))
-    homes = list(zip(split_joints(robot, home_joints), at_home, strict=True))
     attachments = list(fence(robot.attachments(position, rotation)))
-    return Placed(finite, pose, position, rotation, legs, attachments, lax.stop_gradient(homes))
+    _, reach = jax.eval_shape(lambda leg, attachment: leg.start(attachment), legs[0], attachments[0])
+    homes = [None] * len(legs) if reach is not None else _home_modes(robot, home_pose, home_joints)
+    return Placed(finite, pose, position, rotation, legs, attachments, homes)
+
+
+def _home_modes(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> list[Scalar]:
+    """Label of every leg's working mode at home."""
+    cases = list(zip(split_joints(robot, joints), robot.attachments(*robot.space.place(pose)), strict=True))
+    return over_legs(lambda leg, case: leg.mode(*case), *lax.stop_gradient((robot.legs(), cases)))
 
 
 def solve_legs(

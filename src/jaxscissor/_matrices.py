@@ -143,9 +143,7 @@ def _adjugate(rows: Sequence[Sequence[Scalar]]) -> tuple[list[tuple[Scalar, ...]
     return list(zip(*(column.components for column in columns), strict=True)), a.dot(columns[0])
 
 
-def _eliminated(
-    rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]
-) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
+def _eliminated(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
     """Gaussian elimination with row pivots: solution, whether the matrix is regular, sign of its determinant.
 
     For every column k:

@@ -6,7 +6,9 @@ import functools
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
+from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar
 
 # pi/2 in three parts, the first two of 33 bits, so that their products with a quadrant's number are exact
@@ -30,7 +32,7 @@ def sine_cosine(angle: jax.Array) -> tuple[Scalar, Scalar]:
     Polynomials and constants of Sun's fdlibm, kernels ``k_sin.c`` and ``k_cos.c``.
     """
     if angle.dtype != jnp.float64:
-        return jnp.sin(angle), jnp.cos(angle)
+        return fence((jnp.sin(angle), jnp.cos(angle)))
     turns = jnp.round(angle * _INVERSE)
     rest = functools.reduce(lambda x, part: x - turns * part, _QUARTER, angle)
     rest = jnp.clip(rest, -1, 1)  # an angle so large that nothing is left of its digits
@@ -40,7 +42,10 @@ def sine_cosine(angle: jax.Array) -> tuple[Scalar, Scalar]:
     quadrant = turns - 4 * jnp.floor(turns / 4)
     odd = (quadrant == 1) | (quadrant == 3)
     sine, cosine = jnp.where(odd, cosine, sine), jnp.where(odd, sine, cosine)
-    return jnp.where(quadrant >= 2, -sine, sine), jnp.where((quadrant == 1) | (quadrant == 2), -cosine, cosine)
+    sine = jnp.where(quadrant >= 2, -sine, sine)
+    cosine = jnp.where((quadrant == 1) | (quadrant == 2), -cosine, cosine)
+    both = fence(lax.complex(cosine, sine))  # as one number: two outputs would be two evaluations
+    return both.imag, both.real
 
 
 @sine_cosine.defjvp

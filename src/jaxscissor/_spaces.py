@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._sincos import sine_cosine
 from jaxscissor._vectors import Rotation, Vec
@@ -62,7 +61,7 @@ class SE3:
     @staticmethod
     def place(pose: jax.Array) -> tuple[Vec, Rotation]:
         """Position and rotation of a pose ``(6,)``."""
-        (sr, cr), (sp, cp), (sy, cy) = fence([sine_cosine(pose[i]) for i in (3, 4, 5)])
+        (sr, cr), (sp, cp), (sy, cy) = (sine_cosine(pose[i]) for i in (3, 4, 5))
         rotation = Rotation(
             Vec(cp * cy, cr * sy + sr * sp * cy, sr * sy - cr * sp * cy),
             Vec(-cp * sy, cr * cy - sr * sp * sy, sr * cy + cr * sp * sy),
@@ -133,7 +132,7 @@ class SE2:
     @staticmethod
     def place(pose: jax.Array) -> tuple[Vec, Rotation]:
         """Position and rotation of a pose ``(3,)``."""
-        s, c = fence(sine_cosine(pose[2]))
+        s, c = sine_cosine(pose[2])
         return Vec(pose[0], pose[1]), Rotation(Vec(c, s), Vec(-s, c))
 
     @staticmethod

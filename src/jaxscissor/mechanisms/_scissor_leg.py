@@ -141,7 +141,7 @@ class ScissorLeg(Leg):
         At the edge the mode folds into another one, or a foot comes to s = 0; where F is positive there,
         the joints are those of the edge.
         """
-        profile = self._profile(attachment)
+        profile = fence(_profile(*self._conics(attachment)))
         edge = fence(_edge(profile))
         reach = -profile.value(edge)
         fixed = lax.stop_gradient((profile, edge))  # Newton gives the root its derivative
@@ -150,7 +150,7 @@ class ScissorLeg(Leg):
 
     def assembles(self, attachment: Vec) -> Scalar:
         """Whether the ellipse of eq. 13 and the hyperbola of eq. 10 meet at all."""
-        return self._profile(attachment).has_roots()
+        return _profile(*self._conics(attachment)).has_roots()
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """Slides within their stroke, scissor within its stops, apex above the slides; in units of L and 2 l0."""
@@ -252,10 +252,11 @@ class ScissorLeg(Leg):
             cos2 / 4 + ratio * sin2,
         )
 
-    def _profile(self, attachment: Vec) -> _Profile:
-        a, b, rho2, p2, m2 = self._conics(attachment)
-        constant = rho2 - 1 + (p2 - 0.5) * a**2 + (m2 - 0.5) * b**2
-        return _Profile(*fence((a, b, constant)), *fence((p2, 2 * p2 - 0.5, 2 * m2 - 0.5, m2)))
+
+def _profile(a: Scalar, b: Scalar, rho2: Scalar, p2: Scalar, m2: Scalar) -> _Profile:
+    """The closure as a function of u, of what ``_conics`` gives."""
+    constant = rho2 - 1 + (p2 - 0.5) * a**2 + (m2 - 0.5) * b**2
+    return _Profile(a, b, constant, p2, 2 * p2 - 0.5, 2 * m2 - 0.5, m2)
 
 
 def _residual(joints: Joints, args) -> Joints:
