@@ -93,7 +93,7 @@ def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> S
     return step
 
 
-def begun(units: Any, optimizer: Any, evaluate: Evaluate, own: Any, shared: Any) -> Descent:
+def begun(units: Any, own: Any, shared: Any, *, optimizer: Any, evaluate: Evaluate) -> Descent:
     """All starts before their first step."""
     first = jax.tree.map(lambda leaf: leaf[0], (units, own))
     value, slack = jax.eval_shape(evaluate, *first, shared)
@@ -108,6 +108,11 @@ def adam(steps: int) -> Any:
     import optax
 
     return optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))
+
+
+def between(unit: Any, low: Any, high: Any) -> Any:
+    """Parameters of a point in the unit cube."""
+    return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
 
 
 def start_units(params: Any, low: Any, high: Any) -> Any:

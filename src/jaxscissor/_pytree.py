@@ -7,6 +7,7 @@ from typing import Any, TypeVar, dataclass_transform
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 T = TypeVar("T")
@@ -108,10 +109,17 @@ def float_dtype(*values: Any) -> Any:
 def as_floats(*trees: Any) -> tuple[Any, ...]:
     """Convert every leaf of the trees to one common floating dtype."""
     dtype = float_dtype(*trees)
-    return tuple(jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree) for tree in trees)
+    return tuple(jax.tree.map(lambda leaf: _array(leaf, dtype), tree) for tree in trees)
 
 
 def as_arrays(*values: Any) -> tuple[jax.Array, ...]:
     """Convert numbers, arrays and rows of them to arrays of one common floating dtype."""
     dtype = float_dtype(*values)
-    return tuple(jnp.asarray(value, dtype) for value in values)
+    return tuple(_array(value, dtype) for value in values)
+
+
+def _array(value: Any, dtype: Any) -> jax.Array:
+    """The value as an array of a dtype; of numbers by NumPy, which compiles nothing."""
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(value)):
+        return jnp.asarray(value, dtype)
+    return jnp.asarray(np.asarray(value, dtype), dtype)

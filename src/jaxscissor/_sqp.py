@@ -98,7 +98,7 @@ def sqp_stepper(evaluate: Evaluate) -> Step:
     return step
 
 
-def sqp_begun(units: Any, evaluate: Evaluate, own: Any, shared: Any) -> Program:
+def sqp_begun(units: Any, own: Any, shared: Any, *, evaluate: Evaluate) -> Program:
     """All starts before their first step."""
     first = jax.tree.map(lambda leaf: leaf[0], (units, own))
     many = jax.eval_shape(evaluate, *first, shared)[1].shape[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ from jaxscissor._legs import closest_joints, place
 from jaxscissor._newton import norm
 from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._platform import State, all_joints, assemble, differentiable_pose, state_at
+from jaxscissor._program import one_pose, program
 from jaxscissor._pytree import as_floats, pytree, static
 from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, legs_of, split_joints
 
@@ -31,6 +31,7 @@ class WorkingModes:
     valid: jax.Array
 
 
+@one_pose()
 def inverse_kinematics_all(robot: Mechanism, pose: Any) -> WorkingModes:
     """All joint solutions of a pose, of every leg, in closed form.
 
@@ -54,11 +55,6 @@ def inverse_kinematics_all(robot: Mechanism, pose: Any) -> WorkingModes:
       [4, 4, 4]
     """
     robot, pose = checked_pose(robot, pose)
-    return _inverse_kinematics_all(robot, pose)
-
-
-@jax.jit
-def _inverse_kinematics_all(robot: Mechanism, pose: jax.Array) -> WorkingModes:
     placed = place(robot, pose)
     values, valid = [], []
     for leg, attachment in zip(placed.legs, placed.attachments, strict=True):
@@ -94,6 +90,7 @@ class AssemblyModes:
     complete: bool = static()
 
 
+@program("starts", "modes")
 def forward_kinematics_all(
     robot: Mechanism,
     joints: Any,
@@ -138,13 +135,6 @@ def forward_kinematics_all(
     robot, joints = as_floats(robot, joints)
     tol = default_tol(joints.dtype) if tol is None else tol
     apart = 64 * float(jnp.finfo(joints.dtype).eps) ** 0.5 if apart is None else apart
-    return _forward_kinematics_all(robot, joints, tol, apart, starts=starts, modes=modes, seed=seed)
-
-
-@partial(jax.jit, static_argnames=("starts", "modes"))
-def _forward_kinematics_all(
-    robot: Mechanism, joints: jax.Array, tol: Scalar, apart: Scalar, *, starts: int, modes: int, seed: Scalar
-) -> AssemblyModes:
     fixed, actuated = lax.stop_gradient((robot, joints))
     finite = jnp.all(jnp.isfinite(joints))
     actuated = jnp.where(finite, actuated, fixed.actuated(fixed.home()[1]))
@@ -191,6 +181,7 @@ def _anywhere(robot: Mechanism, count: int, seed: Scalar) -> jax.Array:
     return jnp.where(shifts, home, 0)[None] + unit * scale[None]
 
 
+@one_pose()
 def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
     """Which assembly modes are physically sensible: above the base, platform up, all legs within their limits.
 
@@ -208,13 +199,8 @@ def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
       >>> int(js.within_limits(robot, modes).sum())  # yaw 0 and yaw 180 deg
       2
     """
-
     robot, values, joints = as_floats(robot, modes.values, modes.joints)
-    return modes.valid & _within_limits(robot, values, joints)
 
-
-@jax.jit
-def _within_limits(robot: Mechanism, poses: jax.Array, joints: jax.Array) -> jax.Array:
     def sensible(pose, joints):
         position, rotation = robot.space.place(pose)
         attachments = robot.attachments(position, rotation)
@@ -224,4 +210,4 @@ def _within_limits(robot: Mechanism, poses: jax.Array, joints: jax.Array) -> jax
             margins += [position.z, jnp.asarray(rotation.columns[2].z, pose.dtype)]
         return jnp.all(jnp.stack(margins) >= 0) if margins else jnp.asarray(True)
 
-    return jax.vmap(sensible)(poses, joints)
+    return modes.valid & jax.vmap(sensible)(values, joints)

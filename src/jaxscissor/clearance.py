@@ -13,6 +13,7 @@ from jaxscissor._fence import fence
 from jaxscissor._legs import place, solve_legs
 from jaxscissor._matrices import null_vector
 from jaxscissor._numerics import Scalar, default_tol, safe_divide
+from jaxscissor._program import one_pose, program
 from jaxscissor._pytree import as_arrays, as_floats, pytree
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
@@ -60,6 +61,7 @@ class Clearance:
     status: jax.Array
 
 
+@one_pose()
 def clearance_along(
     robot: Mechanism,
     pose: Any,
@@ -107,6 +109,7 @@ def clearance_along(
     return _along(robot, pose, direction.astype(pose.dtype), reach, joints, angle_length, jnp.asarray(steps))
 
 
+@program("directions")
 def clearance(
     robot: Mechanism,
     pose: Any,
@@ -188,7 +191,6 @@ def _start(robot: Mechanism, pose: jax.Array, joints: Any, angle_length: Scalar)
     return _Start(pose, *robot.space.place(pose), solution.value, metric), solution.status
 
 
-@jax.jit
 def _along(robot, pose, direction, reach, joints, angle_length, steps) -> Clearance:
     robot, pose, direction, reach, joints, angle_length = lax.stop_gradient(
         (robot, pose, direction, reach, joints, angle_length)
@@ -197,7 +199,6 @@ def _along(robot, pose, direction, reach, joints, angle_length, steps) -> Cleara
     return _result(robot, start, _walk(robot, start, direction * start.metric, reach, steps), status)
 
 
-@partial(jax.jit, static_argnames="directions")
 def _clearance(robot, pose, reach, joints, angle_length, directions: int, steps) -> Clearance:
     robot, pose, reach, joints, angle_length = lax.stop_gradient((robot, pose, reach, joints, angle_length))
     start, status = _start(robot, pose, joints, angle_length)

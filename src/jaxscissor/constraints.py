@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -10,10 +9,12 @@ import jax.numpy as jnp
 
 from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar, default_tol
+from jaxscissor._program import one_pose
 from jaxscissor._solution import Solution, Status
 from jaxscissor.mechanisms._contract import Joints, Mechanism, checked_pose
 
 
+@one_pose()
 def constrained_pose(robot: Mechanism, pose: Any) -> Solution:
     """The pose that meets the robot's constraints, with the independent coordinates of a given one.
 
@@ -53,7 +54,6 @@ def _residual(unknowns: Joints, args: Any) -> Joints:
     return tuple(robot.constraints(*robot.space.place(pose)))
 
 
-@partial(jax.jit, static_argnames="places")
 def _constrained_pose(robot: Mechanism, pose: jax.Array, places: tuple[int, ...]) -> Solution:
     finite = jnp.all(jnp.isfinite(pose))
     safe = jnp.where(finite, pose, robot.home()[0])

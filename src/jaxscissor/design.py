@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -23,6 +24,7 @@ from jaxscissor._descent import (
     Step,
     adam,
     begun,
+    between,
     drawn_units,
     held_back,
     slacks_of,
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 
 
 _DRAWN, _TOGETHER = 64, 16  # random designs per start, and how many of them are evaluated together
+_KEPT = 16  # optimizations whose programs are kept for another call
 
 
 class DesignStatus(enum.IntEnum):
@@ -174,7 +177,9 @@ def optimize_design(
     The parameters are scaled to their bounds. By default each step is one of sequential quadratic programming,
     which follows the constraints that bind and ends on them within rounding after some tens of steps. An
     optimizer of optax is given the gradient of an augmented Lagrangian, and its steps are projected onto the
-    bounds. All starts run in one vmapped program.
+    bounds. All starts run in one vmapped program. As under ``jax.jit``, what the functions read besides their
+    arguments is fixed at the first call; another optimization of the same functions, from other parameters, bounds
+    or poses, compiles nothing.
 
     Args:
       objective: metric of a robot, a scalar of order one; to maximize, give its negative.
@@ -214,31 +219,29 @@ def optimize_design(
     _check_counts(steps, starts, poses, batch_size, tolerance)
     params, low, high = checked_bounds(params, bounds)
     initial = build(params)  # at once: it may refuse the parameters
+    poses = poses if poses is None or isinstance(poses, Sample) else jnp.asarray(poses)
+    programs = _programs(objective, build, tuple(constraints), optimizer, steps, batch_size)
+    numbers = (low, high, poses)
+    units = _screened(programs, numbers, start_units(params, low, high), starts, seed)
+    state = programs.begin(units, (), (numbers, jnp.uint32(0)))
 
-    def scaled(unit):
-        return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
+    def step(state, number, raises):
+        return programs.step(state, (), (numbers, jnp.uint32(number)), raises)
 
-    def evaluate(unit, _, number, size=batch_size):
-        robot = build(scaled(unit))
-        return jnp.asarray(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
-
-    step, begin = _method(evaluate, optimizer, steps, batch_size)
-    units = _screened(evaluate, start_units(params, low, high), starts, seed)
-    state = begin(units)
     run = _run(step, state, steps, tolerance, checkpoint, (params, low, high, seed, batch_size))
-    sight = step(dataclasses.replace(run.state, units=run.state.best.units), (), jnp.uint32(0), False)[1]
+    sight = step(dataclasses.replace(run.state, units=run.state.best.units), 0, False)[1]
     best, sight = jax.tree.map(jnp.asarray, (run.state.best, sight))
     started = run.log[0][0, 0], run.log[1][0, 0]
     if batch_size is not None:
         judged = jax.tree.map(lambda first, others: jnp.concatenate([first[:1], others]), units, best.units)
-        over_all = jax.jit(partial(jax.lax.map, lambda unit: evaluate(unit, (), jnp.uint32(0), None)[0]))(judged)
+        over_all = programs.judge(judged, numbers)[0]
         best, started = dataclasses.replace(best, objective=over_all[1:]), (over_all[0], started[1])
     chosen, status = _chosen(best, started)
-    all_params = jax.vmap(scaled)(best.units)
+    all_params = between(best.units, low, high)
     design = jax.tree.map(lambda leaf: leaf[chosen], all_params)
     return DesignResult(
         params=design,
-        robot=jax.jit(build)(design),  # which refuses nothing, so that a design that is no robot is returned, too
+        robot=programs.build(design),  # which refuses nothing, so that a design that is no robot is returned, too
         initial=initial,
         history=History(*map(jnp.asarray, run.log)),
         starts=Starts(all_params, best.objective, best.violation),
@@ -248,27 +251,51 @@ def optimize_design(
     )
 
 
-def _method(evaluate: Any, optimizer: Any, steps: int, batch_size: int | None) -> tuple[Step, Callable[[Any], Any]]:
-    """The function that takes a step, and the one that gives the state before the first."""
+class _Programs(NamedTuple):
+    """The compiled functions of an optimization; bounds and poses are their arguments."""
+
+    step: Step
+    begin: Callable[..., Any]  # (units, own, shared) -> the state before the first step
+    screen: Callable[..., Any]  # (units, numbers) -> objectives over the first batch, violations
+    judge: Callable[..., Any]  # the same over all poses, one by one
+    build: Callable[[Any], Any]
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _programs(
+    objective: Any, build: Any, constraints: tuple[Any, ...], optimizer: Any, steps: int, batch_size: int | None
+) -> _Programs:
+    """The programs of these functions; a second optimization of the same ones compiles nothing."""
+
+    def evaluate(unit, _, shared, size=batch_size):
+        (low, high, poses), number = shared
+        robot = build(between(unit, low, high))
+        return jnp.asarray(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
+
+    def screen(units, numbers, size=batch_size, together=_TOGETHER):
+        def one(unit):
+            objective, slack = evaluate(unit, (), (numbers, jnp.uint32(0)), size)
+            short = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), initial=ALLOWED)
+            return objective, jnp.where(jnp.isfinite(objective), short, jnp.inf)
+
+        return jax.lax.map(one, units, batch_size=together)
+
     if optimizer is None and batch_size is None:
-        return sqp_stepper(evaluate), lambda units: sqp_begun(units, evaluate, (), jnp.uint32(0))
-    optimizer = optimizer or adam(steps)
-    step = stepper(evaluate, optimizer, comparable=batch_size is None)
-    return step, lambda units: begun(units, optimizer, evaluate, (), jnp.uint32(0))
+        step, begin = sqp_stepper(evaluate), partial(sqp_begun, evaluate=evaluate)
+    else:
+        optimizer = optimizer or adam(steps)
+        step = stepper(evaluate, optimizer, comparable=batch_size is None)
+        begin = partial(begun, optimizer=optimizer, evaluate=evaluate)
+    judge = jax.jit(partial(screen, size=None, together=None))
+    return _Programs(step, begin, jax.jit(screen), judge, jax.jit(build))
 
 
-def _screened(evaluate: Any, given: Any, starts: int, seed: int) -> Any:
+def _screened(programs: _Programs, numbers: Any, given: Any, starts: int, seed: int) -> Any:
     """The given design and the best of many random ones, in the unit cube."""
     if starts == 1:
         return given
     drawn = drawn_units(given, _DRAWN * starts, np.random.default_rng(seed))
-
-    def judge(unit):
-        objective, slack = evaluate(unit, (), jnp.uint32(0))
-        short = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), initial=ALLOWED)
-        return objective, jnp.where(jnp.isfinite(objective), short, jnp.inf)
-
-    objective, violation = jax.jit(partial(jax.lax.map, judge, batch_size=_TOGETHER))(drawn)
+    objective, violation = programs.screen(drawn, numbers)
     order = jnp.lexsort([objective, violation])[: starts - 1]
     return jax.tree.map(lambda first, others: jnp.concatenate([first, others[order]]), given, drawn)
 
@@ -281,12 +308,12 @@ class _Run(NamedTuple):
     reason: StopReason
 
 
-def _run(step: Step, state: Descent, steps: int, tolerance: Any, checkpoint: Any, settings: Any) -> _Run:
+def _run(step: Callable[..., Any], state: Descent, steps: int, tolerance: Any, checkpoint: Any, settings: Any) -> _Run:
     """All steps, or those that a checkpoint lacks."""
     log = _empty_log(steps + 1, state)
     done, job, path = 0, {}, None if checkpoint is None else os.fspath(checkpoint)
     if path is not None:
-        seen = step(state, (), jnp.uint32(0), False)[1]
+        seen = step(state, 0, False)[1]
         kind = jax.tree.map(lambda leaf: np.zeros(np.shape(leaf)), state)
         job = {
             "parameters": settings,
@@ -301,7 +328,7 @@ def _run(step: Step, state: Descent, steps: int, tolerance: Any, checkpoint: Any
         if tolerance is not None and _settled(log, number, max(steps // 5, PERIOD), tolerance):
             return _Run(state, tuple(column[:number] for column in log), StopReason.SETTLED)
         log[2][number] = state.multipliers
-        state, sight = step(state, (), jnp.uint32(number), number % PERIOD == PERIOD - 1)
+        state, sight = step(state, number, number % PERIOD == PERIOD - 1)
         log[0][number], log[1][number] = sight.objective, sight.violation
         if path is not None and (number % PERIOD == PERIOD - 1 or number == steps):
             save(path, job, number + 1, (state, log))
@@ -329,7 +356,7 @@ def _batch(poses: Any, size: int | None, number: jax.Array) -> tuple[Any, ...]:
     if size is None:
         return (poses,)
     numbers = (number * jnp.uint32(size) + jnp.arange(size, dtype=jnp.uint32)) % jnp.uint32(len(poses))
-    return (poses.poses(numbers) if isinstance(poses, Sample) else jnp.asarray(poses)[numbers],)
+    return (poses.poses(numbers) if isinstance(poses, Sample) else poses[numbers],)
 
 
 def _check_counts(steps: int, starts: int, poses: Any, batch_size: int | None, tolerance: Any) -> None:

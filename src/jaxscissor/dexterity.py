@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from jaxscissor._matrices import singular_values
 from jaxscissor._numerics import safe_divide, safe_sqrt
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor.jacobians import twist_jacobian
 from jaxscissor.mechanisms._contract import Mechanism, checked_pose
@@ -29,6 +30,7 @@ class GearRatios:
     vertical: Any
 
 
+@one_pose()
 def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
     """Spatial gear ratios: reciprocal singular values of the twist Jacobian's blocks [ICRA16 eqs. 18, 34-35].
 
@@ -68,6 +70,7 @@ def _vertical(usable: Any, matrix: jax.Array) -> jax.Array:
     return jnp.where(usable, safe_divide(1, safe_sqrt(jnp.sum(matrix[:, 2] ** 2))), jnp.nan)
 
 
+@one_pose()
 def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -> jax.Array:
     """Vertical gear ratio of a robot over that of a reference, level on the axis [RAL17 eq. 21].
 

@@ -113,8 +113,11 @@ def exact_workspace_fraction(
     sample = Box(jnp.zeros(others, dtype), jnp.ones(others, dtype)).quasi_random(rays, seed)
     part = max(CHUNK // cells, 1)
     plan = planned(rays * len(axes), part * _PARTS, mesh, checkpoint)
-    part = min(part, plan.chunk)
-    plan = plan._replace(chunk=part * -(-plan.chunk // part))
+    if mesh is not None:
+        part = min(part, plan.chunk)
+        plan = plan._replace(chunk=part * -(-plan.chunk // part))
+    else:  # whatever the number of rays: one program
+        plan = plan._replace(chunk=part * _PARTS)
     return _exact(plan, _Settings(axes, cells, part), robot, region, Sample(sample.region, sample.shift, (), 0))
 
 
@@ -175,7 +178,9 @@ def _margin(design: tuple[Mechanism, Region], start: jax.Array, direction: jax.A
 def _chunk(settings: _Settings, design, lines, counted, totals):
     """Add a chunk's reached lengths, and their gradient, to the totals."""
     margins = jax.vmap(_margin, (None, 0, 0, 0))
-    rays = _split_at_extrema(partial(margins, design), _sampled(partial(margins, design), lines, settings), counted)
+    rays = _split_at_extrema(
+        partial(margins, design), _sampled(partial(margins, design), lines, settings, counted), counted
+    )
     inside = rays.margins >= 0
     reached_ends = jnp.sum(counted & inside[:, -1], dtype=jnp.int32)
     used_axes = jnp.zeros(lines[0].shape[1], rays.points.dtype).at[jnp.array(settings.axes)].set(1)
@@ -202,17 +207,19 @@ def _chunk(settings: _Settings, design, lines, counted, totals):
     return _for_each(changes, add, (totals[0] + reached_ends.astype(totals[0].dtype), totals[1]))
 
 
-def _sampled(judge, lines: tuple[jax.Array, jax.Array], settings: _Settings) -> _Rays:
+def _sampled(judge, lines: tuple[jax.Array, jax.Array], settings: _Settings, counted: jax.Array) -> _Rays:
     """Margins at the ends of all cells. Both ends of a ray are repeated, farther from zero, to be extrema too."""
     rays, count = lines[0].shape[0], settings.cells + 1
     grid = jnp.arange(count, dtype=lines[0].dtype) / settings.cells
     points = jnp.broadcast_to(grid, (rays, count))
 
-    def sampled(lines):
-        return judge(*(jnp.repeat(x, count, axis=0) for x in lines), jnp.tile(grid, settings.part))
+    def sample(part, margins):
+        here = (lax.dynamic_slice_in_dim(x, part * settings.part, settings.part) for x in lines)
+        found = judge(*(jnp.repeat(x, count, axis=0) for x in here), jnp.tile(grid, settings.part))
+        return lax.dynamic_update_slice_in_dim(margins, found.reshape(-1, count), part * settings.part, 0)
 
-    parts = tuple(x.reshape(-1, settings.part, x.shape[1]) for x in lines)
-    margins = lax.map(sampled, parts).reshape(rays, count)
+    parts = (jnp.sum(counted, dtype=jnp.int32) + settings.part - 1) // settings.part  # the counted rays come first
+    margins = lax.fori_loop(0, parts, sample, jnp.zeros((rays, count), grid.dtype))
     points = jnp.concatenate([points[:, :1], points, points[:, -1:]], axis=1)
     margins = jnp.concatenate([2 * margins[:, :1], margins, 2 * margins[:, -1:]], axis=1)
     return _Rays(*lines, points, margins)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._program import keyed, program
 from jaxscissor.kinematics import inverse_kinematics
 from jaxscissor.mechanisms._contract import Mechanism, joint_places
 from jaxscissor.regions import Region, Sample
@@ -67,9 +67,10 @@ def minimum_over(
       0.5
     """
     _check(samples, starts)
-    return _minimum(function, region, samples, starts, steps)
+    return _minimum(function, region, samples=samples, starts=starts, steps=steps)
 
 
+@program("samples", "starts")
 def joint_range(robot: Mechanism, region: Region, *, samples: int = 2048, starts: int = 8) -> JointRange:
     """The values that every joint takes over a region: the stroke that a task needs.
 
@@ -99,11 +100,6 @@ def joint_range(robot: Mechanism, region: Region, *, samples: int = 2048, starts
       9.6410 79.7723
     """
     _check(samples, starts)
-    return _joint_range(robot, region, samples, starts)
-
-
-@functools.partial(jax.jit, static_argnums=(2, 3))
-def _joint_range(robot: Mechanism, region: Region, samples: int, starts: int) -> JointRange:
     home = robot.home()[1]
     angular = _angular(robot)
 
@@ -134,7 +130,8 @@ def _angular(robot: Mechanism) -> jax.Array:
     return jnp.array([flag for _, flag in order])
 
 
-def _minimum(function, region, samples: int, starts: int, steps: int) -> Extreme:
+@keyed
+def _minimum(function: Any, region: Region, *, samples: int, starts: int, steps: int) -> Extreme:
     def value(unit):
         found = function(region.from_unit(unit))
         return jnp.where(jnp.isnan(found), jnp.inf, found)

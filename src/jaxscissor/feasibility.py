@@ -15,6 +15,7 @@ from jaxscissor._fence import fence
 from jaxscissor._legs import MAX_STEPS, LegResult, leg_status, place, solve_leg
 from jaxscissor._newton import fold_distance, least_squares
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt, smallest
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import pytree
 from jaxscissor._solution import Status
 from jaxscissor.constraints import constrained_pose
@@ -39,6 +40,7 @@ class Feasibility:
         return self.margin >= 0
 
 
+@one_pose()
 def feasibility(robot: Mechanism, pose: Any) -> Feasibility:
     """Whether a pose can be used, with a signed margin that is continuous on both sides of the boundary.
 
@@ -79,7 +81,6 @@ def reached_margin(robot: Mechanism, pose: jax.Array) -> Scalar:
     return jnp.where(whole.converged, margin, jnp.where(jnp.isnan(whole.value[0]), -jnp.inf, -whole.residual_norm))
 
 
-@jax.jit
 def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     placed = place(robot, pose)
     cases = list(zip(placed.legs, placed.attachments, placed.homes, strict=True))
@@ -142,6 +143,7 @@ def _leg_margins(leg: Any, attachment: Any, home: Any, differentiated: bool) -> 
     return [edge, *leg.margins(joints, attachment)], result
 
 
+@one_pose()
 def margins(robot: Mechanism, pose: Any) -> jax.Array:
     """Distances of a pose from the edge of the home mode and from every limit, leg by leg.
 
@@ -167,11 +169,6 @@ def margins(robot: Mechanism, pose: Any) -> jax.Array:
       ((3, 3), True)
     """
     robot, pose = checked_pose(robot, pose)
-    return _margins(robot, pose)
-
-
-@jax.jit
-def _margins(robot: Mechanism, pose: jax.Array) -> jax.Array:
     placed = place(robot, pose)
     cases = zip(placed.legs, placed.attachments, placed.homes, strict=True)
     found = jnp.stack([jnp.stack(_leg_margins(*case, True)[0]) for case in cases])

@@ -12,6 +12,7 @@ from jaxscissor._legs import MAX_STEPS, place, solve_legs
 from jaxscissor._matrices import solve_regular
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar, default_tol
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats
 from jaxscissor.kinematics import flat_residual
 from jaxscissor.mechanisms._contract import (
@@ -24,6 +25,7 @@ from jaxscissor.mechanisms._contract import (
 )
 
 
+@one_pose()
 def closure_jacobians(robot: Mechanism, joints: Any, pose: Any) -> tuple[jax.Array, jax.Array]:
     """Derivatives of the closure residual, A with respect to the pose and B to the joints.
 
@@ -48,15 +50,12 @@ def closure_jacobians(robot: Mechanism, joints: Any, pose: Any) -> tuple[jax.Arr
       ((6, 6), (6, 6))
     """
     robot, pose = checked_pose(robot, pose)
-    return _closure_jacobians(*as_floats(robot, checked_joints(robot, joints), pose))
-
-
-@jax.jit
-def _closure_jacobians(robot: Mechanism, joints: jax.Array, pose: jax.Array) -> tuple[jax.Array, jax.Array]:
+    robot, joints, pose = as_floats(robot, checked_joints(robot, joints), pose)
     by_joints, by_pose = jax.jacfwd(flat_residual, (1, 2))(robot, joints, pose)
     return by_pose, by_joints
 
 
+@one_pose("rates")
 def inverse_jacobian(robot: Mechanism, pose: Any, *, rates: Literal["rpy", "twist"] = "rpy") -> jax.Array:
     """Derivative of the actuated joints with respect to the pose, in the home mode.
 

@@ -14,6 +14,7 @@ from jaxscissor._legs import MAX_STEPS, closest_joints, place, solve_legs
 from jaxscissor._newton import implicit, norm
 from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._platform import all_joints, assemble, assembly_sign, differentiable_pose, state_at
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats
 from jaxscissor._solution import Solution, Status
 from jaxscissor.mechanisms._contract import (
@@ -28,6 +29,7 @@ from jaxscissor.mechanisms._contract import (
 )
 
 
+@one_pose()
 def residual(robot: Mechanism, joints: Any, pose: Any) -> jax.Array:
     """Closure residual of all legs, and of the constraints on the pose after them; dimensionless.
 
@@ -54,12 +56,12 @@ def residual(robot: Mechanism, joints: Any, pose: Any) -> jax.Array:
     return flat_residual(*as_floats(robot, joints, pose))
 
 
-@jax.jit
 def flat_residual(robot: Mechanism, joints: jax.Array, pose: jax.Array) -> jax.Array:
     """``residual`` of arrays whose shapes and dtypes are known to be right."""
     return jnp.stack(closure(robot, legs_of(robot), split_joints(robot, joints), *robot.space.place(pose)))
 
 
+@one_pose()
 def inverse_kinematics(
     robot: Mechanism, pose: Any, *, guess: Any = None, tol: Any = None, max_steps: Any = MAX_STEPS
 ) -> Solution:
@@ -96,11 +98,6 @@ def inverse_kinematics(
         guess = checked_joints(robot, guess)
         robot, pose, guess = as_floats(robot, pose, guess)
     tol = default_tol(pose.dtype) if tol is None else tol
-    return _inverse_kinematics(robot, pose, guess, tol, max_steps)
-
-
-@jax.jit
-def _inverse_kinematics(robot: Mechanism, pose: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
     solution = _solve(*lax.stop_gradient((robot, pose, guess, tol, max_steps)))
     value = _follow(solution.value, solution.converged, robot, pose)
     return Solution(value, solution.status, solution.residual_norm, solution.num_steps)
@@ -144,6 +141,7 @@ def _follow_jvp(primals, tangents):
     return _follow(*primals), moved  # by itself, so that both outputs are batched along the same axis
 
 
+@one_pose()
 def forward_kinematics(
     robot: Mechanism, joints: Any, *, guess: Any = None, tol: Any = None, max_steps: Any = 50
 ) -> Solution:
@@ -183,7 +181,6 @@ def forward_kinematics(
     return _forward_kinematics(robot, joints, guess, tol, max_steps)
 
 
-@jax.jit
 def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Scalar, max_steps: Scalar) -> Solution:
     finite = jnp.all(jnp.isfinite(joints)) & (True if guess is None else jnp.all(jnp.isfinite(guess)))
     start_pose, start_joints = _assembled_guess(robot, guess, finite, tol)

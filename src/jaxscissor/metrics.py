@@ -14,6 +14,7 @@ from jaxscissor._batching import CHUNK
 from jaxscissor._fence import fence
 from jaxscissor._legs import place
 from jaxscissor._numerics import safe_sqrt
+from jaxscissor._program import keyed
 from jaxscissor._pytree import pytree
 from jaxscissor._samples import checked_sample, each_pose
 from jaxscissor.constraints import constrained_pose
@@ -60,7 +61,11 @@ def worst_case(quantity: Quantity, robot: Mechanism, poses: Any) -> WorstCase:
       >>> bool(worst.value >= 0)  # the robot covers the task
       True
     """
-    robot, sample = _checked(robot, poses)
+    return _worst(quantity, *_checked(robot, poses))
+
+
+@keyed
+def _worst(quantity: Quantity, robot: Mechanism, sample: Any) -> WorstCase:
     shape = _value_shape(quantity, robot, sample)
     frozen = lax.stop_gradient(robot)
 
@@ -104,7 +109,11 @@ def mean_case(quantity: Quantity, robot: Mechanism, poses: Any) -> jax.Array:
       >>> bool(js.mean_case(lambda robot, pose: js.feasibility(robot, pose).margin, robot, task) > 0)
       True
     """
-    robot, sample = _checked(robot, poses)
+    return _mean(quantity, *_checked(robot, poses))
+
+
+@keyed
+def _mean(quantity: Quantity, robot: Mechanism, sample: Any) -> jax.Array:
     shape = _value_shape(quantity, robot, sample)
 
     @partial(jax.checkpoint, prevent_cse=False)

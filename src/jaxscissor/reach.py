@@ -11,11 +11,13 @@ from jax import lax
 
 from jaxscissor._bracket import last_inside
 from jaxscissor._numerics import Scalar, safe_divide
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism, checked_pose
 
 
+@one_pose("cells")
 def reach_along(robot: Mechanism, pose: Any, direction: Any, *, limit: Any = None, cells: int = 128) -> jax.Array:
     """How far the platform goes from a pose along a straight line of pose coordinates, within all limits.
 
@@ -54,6 +56,7 @@ def reach_along(robot: Mechanism, pose: Any, direction: Any, *, limit: Any = Non
     return _reach(cells, robot, pose, direction, limit)
 
 
+@one_pose()
 def height_range(robot: Mechanism) -> jax.Array:
     """Retracted and extended height: how far the platform goes straight down and up from its home pose.
 
@@ -82,7 +85,6 @@ def height_range(robot: Mechanism) -> jax.Array:
     return home[vertical] + jnp.stack([-ways[0], ways[1]])
 
 
-@partial(jax.jit, static_argnums=0)
 def _reach(cells: int, robot: Mechanism, pose: jax.Array, direction: jax.Array, limit: Scalar) -> jax.Array:
     frozen = lax.stop_gradient((robot, pose, direction))
     points = jnp.arange(cells + 1, dtype=pose.dtype) * (limit / cells)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxscissor._numerics import Scalar, safe_sqrt
+from jaxscissor._program import program
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor.assembly import AssemblyModes, forward_kinematics_all
 from jaxscissor.mechanisms._contract import checked_joints
@@ -37,6 +38,7 @@ class SensedMode:
     modes: AssemblyModes
 
 
+@program()
 def sensed_mode(robot: NavaroII, joints: Any) -> SensedMode:
     """Which assembly mode NaVARo II is in, told by the sensors of its passive joints [NAV19 2].
 
@@ -62,11 +64,7 @@ def sensed_mode(robot: NavaroII, joints: Any) -> SensedMode:
     """
     joints = checked_joints(robot, joints)
     robot, joints = as_floats(robot, joints)
-    return _sensed_mode(robot, joints, forward_kinematics_all(robot, robot.actuated(joints)))
-
-
-@jax.jit
-def _sensed_mode(robot: NavaroII, joints: jax.Array, modes: AssemblyModes) -> SensedMode:
+    modes = forward_kinematics_all(robot, robot.actuated(joints))
     pose, misfit = robot.sensed_pose(joints)
     distances = jax.vmap(lambda mode: _distance(robot, mode, pose))(modes.values)
     known = modes.valid & jnp.all(jnp.isfinite(joints))

@@ -15,6 +15,7 @@ from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
 from jaxscissor._matrices import determinant, null_vector
 from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
@@ -53,6 +54,7 @@ class Singularity:
         return jnp.argmin(jnp.abs(self.type1), axis=-1)
 
 
+@one_pose()
 def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singularity:
     """Type-1 and type-2 singularity measures of a configuration, with the motions that go with them.
 
@@ -90,7 +92,6 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
     return _singularity(robot, pose, joints)
 
 
-@jax.jit
 def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
     if joints is None:
         solution = inverse_kinematics(robot, pose)

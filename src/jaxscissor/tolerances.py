@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -16,6 +15,7 @@ from jaxscissor._legs import MAX_STEPS, place, solve_legs
 from jaxscissor._matrices import inverse, is_regular
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt
 from jaxscissor._platform import all_joints, assemble, assembly_sign, state_at
+from jaxscissor._program import one_pose, program
 from jaxscissor._pytree import as_floats, broadcast, pytree, with_fields
 from jaxscissor._solution import Status
 from jaxscissor.kinematics import inverse_kinematics
@@ -95,6 +95,7 @@ class _Sensitivity(NamedTuple):
     joints: jax.Array
 
 
+@one_pose()
 def pose_sensitivity(robot: Mechanism, pose: Any) -> Any:
     """Derivative of the pose with respect to each leg's own copy of every dimension, actuators held.
 
@@ -127,6 +128,7 @@ def pose_sensitivity(robot: Mechanism, pose: Any) -> Any:
     return jax.tree.map(lambda leaf: jnp.where(found.usable, leaf, jnp.nan), found.copies)
 
 
+@one_pose()
 def pose_error(robot: Mechanism, pose: Any, tolerances: Any, *, joints: Any = 0.0) -> PoseError:
     """What manufacturing tolerances do to the pose, to first order.
 
@@ -158,6 +160,7 @@ def pose_error(robot: Mechanism, pose: Any, tolerances: Any, *, joints: Any = 0.
     return _pose_error(robot, pose, deviations, joints)
 
 
+@program("samples")
 def sample_pose_errors(
     robot: Mechanism, pose: Any, tolerances: Any, key: Any, samples: int = 100_000, *, joints: Any = 0.0
 ) -> PoseErrorSamples:
@@ -212,7 +215,6 @@ def _checked(robot: Mechanism, pose: jax.Array, deviations: Any, joints: Any) ->
     return robot, pose, deviations, broadcast("joints", joints, (sum(actuated_mask(robot)),))
 
 
-@jax.jit
 def _pose_error(robot: Mechanism, pose: jax.Array, deviations: Any, joints: jax.Array) -> PoseError:
     found, linear = _sensitivity(robot, pose), robot.space.translations
 
@@ -229,7 +231,6 @@ def _pose_error(robot: Mechanism, pose: jax.Array, deviations: Any, joints: jax.
     return jax.tree.map(lambda leaf: jnp.where(found.usable, leaf, jnp.nan), error)
 
 
-@jax.jit
 def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     placed, size = place(robot, pose), robot.space.dimension
     results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
@@ -265,7 +266,6 @@ def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
     return jnp.stack([column_of[i] for i, actuated in enumerate(mask) if actuated], axis=1)
 
 
-@partial(jax.jit, static_argnames="samples")
 def _sample(
     robot: Mechanism, pose: jax.Array, deviations: Any, joint_deviations: jax.Array, key: Any, samples: int
 ) -> PoseErrorSamples:

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._descent import ALLOWED, PERIOD, adam, begun, drawn_units, slacks_of, start_units, stepper
+from jaxscissor._descent import (
+    ALLOWED,
+    PERIOD,
+    Step,
+    adam,
+    begun,
+    between,
+    drawn_units,
+    slacks_of,
+    start_units,
+    stepper,
+)
 from jaxscissor._progress import progress
 from jaxscissor._pytree import pytree
 from jaxscissor.design import DesignResult, DesignStatus, checked_bounds, optimize_design
@@ -18,6 +30,7 @@ if TYPE_CHECKING:
     import optax
 
 _ROUNDS = 3
+_KEPT = 8  # fronts whose programs are kept for another call
 _TILT = 0.01  # weight of the metrics' sum beside the greatest of them, so that none is worse than it need be
 
 
@@ -81,45 +94,61 @@ def pareto_front(
             f"Got {len(objectives)} objectives, designs={designs}, steps={steps}; expected at least 2, 2 and 1."
         )
     params, low, high = checked_bounds(params, bounds)
-    optimizer = optimizer or adam(steps)
+    programs = _programs(tuple(objectives), build, tuple(constraints), optimizer, steps)
     given = start_units(params, low, high)
     drawn = drawn_units(given, designs - 1, np.random.default_rng(seed))
     units = jax.tree.map(lambda first, others: jnp.concatenate([first, others]), given, drawn)
     dtype = jnp.result_type(jax.tree.leaves(params)[0])
     weights = jnp.asarray(_weights(len(objectives), designs), dtype)
 
-    def scaled(unit):
-        return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
-
-    def measured(unit):
-        robot = build(scaled(unit))
-        return jnp.stack([jnp.asarray(objective(robot)) for objective in objectives]), slacks_of(constraints, robot)
-
-    def evaluate(unit, weight, spread):
-        values, slack = measured(unit)
-        return _scalar(values, weight, spread), slack
-
-    judge, step = jax.jit(jax.vmap(measured)), stepper(evaluate, optimizer)
-
     def begin(archive):
         found, values, slack = archive
         spread = _spread(values, slack)
         suited = jnp.argmin(_cost(values, slack, weights, spread), axis=1)
         chosen = jax.tree.map(lambda leaf: leaf[suited], found)
-        return spread, begun(chosen, optimizer, evaluate, weights, spread)
+        shared = (low, high), spread
+        return shared, programs.begin(chosen, weights, shared)
 
-    archive = units, *judge(units)
-    spread, state = begin(archive)
+    archive = units, *programs.judge(units, (low, high))
+    shared, state = begin(archive)
     for number in progress(range(1, _ROUNDS * steps + 1), "front", "step"):
-        state, _ = step(state, weights, spread, number % PERIOD == 0)
+        state, _ = programs.step(state, weights, shared, number % PERIOD == 0)
         if number % steps == 0:
-            found = state.best.units, *judge(state.best.units)
+            found = state.best.units, *programs.judge(state.best.units, (low, high))
             archive = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), archive, found)
-            spread, state = begin(archive)
+            shared, state = begin(archive)
     archive = jax.tree.map(lambda leaf: leaf[-designs:], archive)  # those of the last round
     front = _efficient(*archive[1:])
     best = jax.tree.map(lambda leaf: leaf[front], archive[0])
-    return ParetoFront(archive[1][front], jax.vmap(scaled)(best), _violation(archive[2][front]))
+    return ParetoFront(archive[1][front], between(best, low, high), _violation(archive[2][front]))
+
+
+class _Programs(NamedTuple):
+    """The compiled functions of a front; bounds, weights and spread are their arguments."""
+
+    step: Step
+    begin: Callable[..., Any]  # (units, weights, shared) -> the state before the first step
+    judge: Callable[..., Any]  # (units, bounds) -> all metrics and slacks
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _programs(
+    objectives: tuple[Any, ...], build: Any, constraints: tuple[Any, ...], optimizer: Any, steps: int
+) -> _Programs:
+    """The programs of these functions; a second front of the same ones compiles nothing."""
+
+    def measured(unit, bounds):
+        robot = build(between(unit, *bounds))
+        return jnp.stack([jnp.asarray(objective(robot)) for objective in objectives]), slacks_of(constraints, robot)
+
+    def evaluate(unit, weight, shared):
+        bounds, spread = shared
+        values, slack = measured(unit, bounds)
+        return _scalar(values, weight, spread), slack
+
+    optimizer = optimizer or adam(steps)
+    begin = functools.partial(begun, optimizer=optimizer, evaluate=evaluate)
+    return _Programs(stepper(evaluate, optimizer), begin, jax.jit(jax.vmap(measured, (0, None))))
 
 
 def optimize_choices(

@@ -12,6 +12,7 @@ import numpy as np
 from jax import lax
 
 from jaxscissor._numerics import Scalar, limit_margins, safe_divide, safe_sqrt
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity, static, unchecked
 from jaxscissor._spaces import SE2
 from jaxscissor._vectors import Rotation, Vec
@@ -148,8 +149,7 @@ class NavaroII(Mechanism):
             if array.shape != shape:
                 raise ValueError(f"Got {name} of shape {array.shape}; expected {shape}.")
         if is_concrete(arrays):
-            with jax.ensure_compile_time_eval():
-                _check(self)
+            _check(self)
 
     @classmethod
     def prototype(cls, mode: int = 8) -> NavaroII:
@@ -206,6 +206,7 @@ class NavaroII(Mechanism):
         """The platform's joints B in the base frame."""
         return [position + rotation @ corner for corner in _points(self.platform)]
 
+    @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Platform over the middle of the base, turned by what keeps it farthest from a singularity of the mode.
 
@@ -263,12 +264,11 @@ def _check(robot: NavaroII) -> None:
     """Raise for geometry that describes no robot; every message says what was got and what to do."""
     check_triangle("base", robot.base)
     check_triangle("platform", robot.platform)
-    low, high = (float(limit) for limit in robot.stroke)
+    low, high = np.asarray(robot.stroke).tolist()
     if not 0 <= low < high:
         raise ValueError(f"Got stroke = ({low}, {high}); expected 0 <= least < greatest.")
-    _, joints = robot.home()
-    lengths = np.asarray(joints[1::2])
-    slack = 1e-6 * float(robot.length)
+    lengths = np.asarray(robot.home()[1])[1::2]
+    slack = 1e-6 * lengths.max()
     if not np.all((lengths > slack) & (lengths >= low - slack) & (lengths <= high + slack)):
         raise ValueError(
             f"No pose over the middle of the base has all legs within the stroke ({low}, {high}): the best has "

@@ -11,6 +11,7 @@ from jax import lax
 from jaxscissor._batching import over_legs
 from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar, default_tol
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats, pytree, with_fields
 from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.mechanisms._contract import (
@@ -91,30 +92,26 @@ class PerLeg(Mechanism):
         """Those of the nominal robot."""
         return self.nominal.constraints(position, rotation)
 
+    @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
         """The nominal robot's home pose, and the legs' joints there."""
-        return _home(self)
+        pose, joints = self.nominal.home()
+        seen = self.attachments(*self.space.place(pose))
+        tol = default_tol(pose.dtype)
+
+        def settle(leg, case):
+            attachment, start = case
+            return newton(leg_residual, start, (leg, attachment), tol=tol, max_steps=_MAX_STEPS)
+
+        starts = list(zip(seen, split_joints(self, joints), strict=True))
+        settled = over_legs(settle, *lax.stop_gradient((self.legs(), starts)))
+        cases = zip(settled, legs_of(self), seen, strict=True)
+        roots = [implicit(leg_residual, root, error <= tol, (leg, one)) for (root, error, _), leg, one in cases]
+        return pose, join_joints(self, roots)
 
     def __repr__(self) -> str:
         """The table of the dimensions, leg by leg."""
         return f"{type(self).__name__} {self.copies!r}"
-
-
-@jax.jit
-def _home(robot: PerLeg) -> tuple[jax.Array, jax.Array]:
-    pose, joints = robot.nominal.home()
-    seen = robot.attachments(*robot.space.place(pose))
-    tol = default_tol(pose.dtype)
-
-    def settle(leg, case):
-        attachment, start = case
-        return newton(leg_residual, start, (leg, attachment), tol=tol, max_steps=_MAX_STEPS)
-
-    starts = list(zip(seen, split_joints(robot, joints), strict=True))
-    settled = over_legs(settle, *lax.stop_gradient((robot.legs(), starts)))
-    cases = zip(settled, legs_of(robot), seen, strict=True)
-    roots = [implicit(leg_residual, root, error <= tol, (leg, one)) for (root, error, _), leg, one in cases]
-    return pose, join_joints(robot, roots)
 
 
 def per_leg(robot: Any, **dimensions: Any) -> PerLeg:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxscissor._numerics import Scalar, limit_margins, safe_divide, safe_sqrt
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity
 from jaxscissor._spaces import SE3
 from jaxscissor._vectors import Rotation, Vec
@@ -103,8 +104,7 @@ class StewartGough(Mechanism):
             if array.shape != shape:
                 raise ValueError(f"Got {name} of shape {array.shape}; expected {shape}.")
         if is_concrete(arrays):
-            with jax.ensure_compile_time_eval():
-                _check(self)
+            _check(self)
 
     @classmethod
     def prototype(cls) -> StewartGough:
@@ -133,6 +133,7 @@ class StewartGough(Mechanism):
         """The platform's ball joints in the base frame."""
         return [position + rotation @ Vec(*corner) for corner in self.platform]
 
+    @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Upright over the middle of the base; the mean of the squared lengths is that of the middle of the stroke."""
         offset = jnp.mean(self.base, axis=0) - jnp.mean(self.platform, axis=0)
@@ -155,11 +156,11 @@ def _check(robot: StewartGough) -> None:
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if spread[1] <= 1e-6 * spread[0] or spread[0] == 0:
             raise ValueError(f"Got {name} = {points.tolist()}: all joints on one line. Expected a body they can hold.")
-    low, high = (float(limit) for limit in robot.stroke)
+    low, high = np.asarray(robot.stroke).tolist()
     if not 0 <= low < high:
         raise ValueError(f"Got stroke = ({low}, {high}); expected 0 <= least < greatest.")
-    _, joints = robot.home()
-    if not bool(jnp.all((joints > 0) & (joints >= low) & (joints <= high))):
+    joints = np.asarray(robot.home()[1])
+    if not np.all((joints > 0) & (joints >= low) & (joints <= high)):
         raise ValueError(
             f"No upright pose over the middle of the base has all legs within the stroke ({low}, {high}): the best has "
             f"lengths {joints.tolist()}. Widen the stroke, or bring base and platform into agreement with it."

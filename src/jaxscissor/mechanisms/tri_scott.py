@@ -7,8 +7,10 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxscissor._numerics import Scalar, safe_sqrt
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._spaces import SE3, fit_triangle
 from jaxscissor._vectors import Rotation, Vec
@@ -65,7 +67,8 @@ class TriScott(Mechanism):
     _moves_with_height: ClassVar[tuple[int, int]] = (1, 0)  # how a leg's joints change as the level platform rises
 
     def __post_init__(self):
-        half = as_arrays(self.link_lengths)[0] / 2
+        links = as_arrays(self.link_lengths)[0]
+        half = (np.asarray(links) if is_concrete(links) else links) / 2
         cranks, pins = (half if value is None else value for value in (self.crank_lengths, self.crank_pins))
         arrays = as_arrays(self.masts, self.link_lengths, self.platform, self.stroke, cranks, pins)
         shapes = ((3, 2), (3,), (3, 2), (2, 2), (3,), (3,))
@@ -76,8 +79,7 @@ class TriScott(Mechanism):
                 raise ValueError(f"Got {name} of shape {array.shape}; expected {shape}.")
         Scott(*(getattr(self, name) for name in ("link_lengths", "crank_lengths", "crank_pins")))
         if is_concrete(arrays):
-            with jax.ensure_compile_time_eval():
-                _check(self)
+            _check(self)
 
     @classmethod
     def prototype(cls):
@@ -112,6 +114,7 @@ class TriScott(Mechanism):
         """The platform's joints 4i in the base frame."""
         return [position + rotation @ corner for corner in self._corners()]
 
+    @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Level over the middle of the masts, turned clear of singularities, in the middle of the strokes."""
         planar = middle_pose(self.masts, self.platform, _LENGTHS, self._radii())
@@ -122,6 +125,14 @@ class TriScott(Mechanism):
         height, moves = self._level(grounded), self._moves_with_height
         lifted = [(low + height * moves[0], high + height * moves[1]) for low, high in grounded]
         return flat.at[2].set(height), join_joints(self, lifted)
+
+    @one_pose()
+    def _home_room(self) -> Scalar:
+        """Least distance, at home, from the edge of the home mode and the limits of the strokes."""
+        pose, joints = self.home()
+        tips = self.attachments(*self.space.place(pose))
+        rest = zip(legs_of(self), split_joints(self, joints), tips, strict=True)
+        return jnp.min(jnp.stack([jnp.stack([leg.start(tip)[1], *leg.margins(q, tip)]) for leg, q, tip in rest]))
 
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Up to 12 poses, 6 of them upside down: the joints give heights and radii of a planar 3-RPR [TRI 5]."""
@@ -207,13 +218,11 @@ def _check(robot: TriScott) -> None:
     """Raise for geometry that describes no robot; every message says what was got and what to do."""
     check_triangle("masts", robot.masts)
     check_triangle("platform", robot.platform)
-    if not bool(jnp.all(robot.stroke[:, 0] < robot.stroke[:, 1])):
-        raise ValueError(f"Got stroke = {robot.stroke.tolist()}; expected least < greatest in both rows.")
+    stroke = np.asarray(robot.stroke)
+    if not np.all(stroke[:, 0] < stroke[:, 1]):
+        raise ValueError(f"Got stroke = {stroke.tolist()}; expected least < greatest in both rows.")
     pose, joints = robot.home()
-    tips = robot.attachments(*robot.space.place(pose))
-    rest = zip(legs_of(robot), split_joints(robot, joints), tips, strict=True)
-    room = jnp.stack([jnp.stack([leg.start(tip)[1], *leg.margins(q, tip)]) for leg, q, tip in rest])
-    if not bool(jnp.all(room >= -1e-6)):
+    if not float(robot._home_room()) >= -1e-6:
         raise ValueError(
             f"No level pose over the middle of the masts: the best, {pose.tolist()}, needs rho1..rho6 = "
             f"{joints.tolist()}. Lengthen links that are shorter than the distance they must bridge, or widen the "

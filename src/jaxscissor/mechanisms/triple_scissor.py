@@ -7,9 +7,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxscissor._fence import fence
 from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
+from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._spaces import SE3, fit_triangle
 from jaxscissor._vectors import Rotation, Vec
@@ -85,8 +87,7 @@ class TripleScissorExtender(Mechanism):
                 raise ValueError(f"Got {name} of shape {array.shape}; expected {expected}.")
         Scissor(self.link_lengths)
         if is_concrete(arrays):
-            with jax.ensure_compile_time_eval():
-                _check(self)
+            _check(self)
 
     @classmethod
     def from_ratios(cls, k1: Any, k2: Any, k3: Any, k4: Any, length: Any = 1.0, **limits: Any) -> TripleScissorExtender:
@@ -105,12 +106,14 @@ class TripleScissorExtender(Mechanism):
           >>> [round(float(k), 6) for k in robot.ratios]
           [0.3, 0.4, 0.05, 0.1]
         """
-        k1, k2, k3, k4, length = as_arrays(k1, k2, k3, k4, length)
-        concrete = is_concrete((k1, length))
+        numbers = as_arrays(k1, k2, k3, k4, length)
+        concrete = is_concrete(numbers)
+        k1, k2, k3, k4, length = map(np.asarray, numbers) if concrete else numbers
         if concrete and not (0 < float(k1) <= 1 and float(length) > 0):
             raise ValueError(f"Got k1 = l0/L = {k1} and L = {length}; expected 0 < k1 <= 1 (l0 <= L) and L > 0.")
         lower, upper = k1 * length, (1 - k1) * length / 2
-        bars = jnp.stack([lower]) if concrete and float(k1) == 1 else jnp.stack([lower, upper])
+        rows = [lower] if concrete and float(k1) == 1 else [lower, upper]
+        bars = np.stack(rows) if concrete else jnp.stack(rows)
         return cls(bars, k2, k3 * length, k4 * length, **limits)
 
     @classmethod
@@ -122,7 +125,7 @@ class TripleScissorExtender(Mechanism):
         length, k1, k3, k4 = 1.727, 0.2647, 0.0186, 0.11765
         upper = (1 - k1) * length / 2
         return cls(
-            jnp.array([k1 * length, upper * 14 / 25, upper * 11 / 25]),
+            np.array([k1 * length, upper * 14 / 25, upper * 11 / 25]),
             SLIDE_ANGLES["delta"],
             k3 * length,
             k4 * length,
@@ -133,7 +136,7 @@ class TripleScissorExtender(Mechanism):
     def laboratory(cls) -> TripleScissorExtender:
         """The authors' laboratory robot, from their public code of 2016, with its 12 in of travel; metres."""
         return cls(
-            jnp.array([18.0, 14.0, 11.0]) * _INCH,
+            np.array([18.0, 14.0, 11.0]) * _INCH,
             SLIDE_ANGLES["delta"],
             1.2648 * _INCH,
             8.0 * _INCH,
@@ -206,6 +209,7 @@ class TripleScissorExtender(Mechanism):
 
         return jax.vmap(pose)(angles), valid
 
+    @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
         """Level on the axis, slides in the middle of what stroke, stops and the home mode allow."""
         low, high, height2 = self._home()
@@ -218,7 +222,8 @@ class TripleScissorExtender(Mechanism):
         full = 2 * self.link_lengths[0]
         return full * jnp.cos(self.scissor_angle[1]), full * jnp.cos(self.scissor_angle[0])
 
-    def _home(self):
+    @one_pose()
+    def _home(self) -> tuple[Scalar, Scalar, Scalar]:
         """Limits of s_A + s_B on the axis, and the apex's squared height above the slides in their middle."""
         along, across = jnp.cos(self.actuator_angle), jnp.sin(self.actuator_angle)
         reach = self.top_radius - self.actuator_radius
@@ -237,14 +242,16 @@ def _check(robot: TripleScissorExtender) -> None:
         if not bool(holds):
             raise ValueError(message)
 
-    eta, stroke, stops = robot.actuator_angle, robot.stroke, robot.scissor_angle
+    eta, stroke, stops = (np.asarray(x) for x in (robot.actuator_angle, robot.stroke, robot.scissor_angle))
     for name in ("actuator_radius", "top_radius", "top_offset", "base_offset", "azimuths"):
         value = getattr(robot, name)
-        require(jnp.all(jnp.isfinite(value)), f"Got {name} = {value}; expected finite numbers.")
-    require(robot.top_radius > 0, f"Got top_radius = {robot.top_radius}; expected a positive length.")
-    require(robot.actuator_radius >= 0, f"Got actuator_radius = {robot.actuator_radius}; expected a length >= 0.")
+        require(np.all(np.isfinite(value)), f"Got {name} = {value}; expected finite numbers.")
+    require(float(robot.top_radius) > 0, f"Got top_radius = {robot.top_radius}; expected a positive length.")
     require(
-        jnp.abs(eta) < math.pi / 2,
+        float(robot.actuator_radius) >= 0, f"Got actuator_radius = {robot.actuator_radius}; expected a length >= 0."
+    )
+    require(
+        np.abs(eta) < math.pi / 2,
         f"Got actuator_angle = {eta} rad; expected |eta| < pi/2 (90 deg). Angles are in radians.",
     )
     require(
@@ -252,10 +259,10 @@ def _check(robot: TripleScissorExtender) -> None:
         f"Got stroke = {stroke}; expected 0 <= least < greatest: slides are counted outward from where they meet.",
     )
     require(
-        (stops[0] >= 0) & (stops[0] < stops[1]) & (stops[1] <= jnp.asarray(math.pi / 2, stops.dtype)),
+        (stops[0] >= 0) & (stops[0] < stops[1]) & (stops[1] <= stops.dtype.type(math.pi / 2)),
         f"Got scissor_angle = {stops} rad; expected 0 <= least < greatest <= pi/2. Angles are in radians.",
     )
-    low, high, height2 = robot._home()
+    low, high, height2 = map(float, robot._home())
     require(
         (low < high) & (height2 > 0),
         f"No level pose on the axis: s_A + s_B would have to lie between {low} and {high} and the squared height "
