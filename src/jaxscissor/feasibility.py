@@ -170,9 +170,9 @@ def margins(robot: Mechanism, pose: Any) -> jax.Array:
     """
     robot, pose = checked_pose(robot, pose)
     placed = place(robot, pose)
-    cases = zip(placed.legs, placed.attachments, placed.homes, strict=True)
-    found = jnp.stack([jnp.stack(_leg_margins(*case, True)[0]) for case in cases])
-    return jnp.where(placed.finite, found, -jnp.inf)
+    cases = list(zip(placed.attachments, placed.homes, strict=True))
+    found = over_legs(lambda leg, case: _leg_margins(leg, *case, True)[0], robot.legs(), cases)
+    return jnp.where(placed.finite, jnp.stack([jnp.stack(margins) for margins in found]), -jnp.inf)
 
 
 def _nearest(leg: Any, attachment: Any, result: LegResult) -> tuple[Joints, Scalar]:
