@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from functools import partial
 
 import jax
 import jax.flatten_util
@@ -11,6 +12,7 @@ import pytest
 
 import jaxscissor as js
 from jaxscissor.mechanisms._contract import join_joints, legs_of, split_joints
+from tests.conftest import unoptimized
 from tests.toys import Planar3RPR
 
 DIFFERENCE = 1e-6
@@ -18,15 +20,21 @@ LANES = 8  # of every batch, so that all tests of a robot share their programs
 ENDLESS = (js.NavaroII, js.StewartGough, Planar3RPR)  # robots whose legs reach any pose, strokes aside
 
 
-@jax.jit
 def forward(robot, joints):
     return js.forward_kinematics(robot, joints).value
 
 
-FORWARD_MODE = jax.jit(jax.jacfwd(forward, 1))
-REVERSE_MODE = jax.jit(jax.jacrev(forward, 1))
+def flat(tree):
+    """Derivatives of a vector by every number of a tree, side by side."""
+    return np.concatenate([np.reshape(leaf, (len(leaf), -1)) for leaf in jax.tree.leaves(tree)], axis=1)
+
+
+# of module level and with the robot as an argument, so that robots of one shape share their programs
 forward_batch = jax.jit(jax.vmap(js.forward_kinematics, (None, 0)))
 inverse_batch = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))
+margin_batch = jax.jit(jax.vmap(lambda robot, pose: js.feasibility(robot, pose).margin, (None, 0)))
+forward_mode = unoptimized(jax.jacfwd(forward, (0, 1)))  # by every dimension and by the joints
+reverse_mode = unoptimized(jax.jacrev(forward, (0, 1)))
 
 
 def shaken_joints(robot, rng, size=0.03):
@@ -94,43 +102,50 @@ def test_closure_jacobians_are_the_differences_of_the_residual(robot, rng):
 
 
 def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_differences(robot, rng):
+    """By every dimension of the robot, and by the joints."""
     joints = shaken_joints(robot, rng)[0]
-    one_way, other_way = FORWARD_MODE(robot, joints), REVERSE_MODE(robot, joints)
-    assert close(one_way, other_way, 1e-12)
-    assert close(one_way, central_differences(lambda q: forward(robot, q), joints), 1e-7)
+    one_way, other_way = forward_mode(robot, joints), reverse_mode(robot, joints)
+    numbers, rebuild = jax.flatten_util.ravel_pytree(robot)
+    differences = (
+        central_differences(lambda numbers: forward(rebuild(numbers), joints), numbers),
+        central_differences(lambda q: forward(robot, q), joints),
+    )
+    for one, other, expected in zip(one_way, other_way, differences, strict=True):
+        assert close(flat(one), flat(other), 1e-11)
+        assert close(flat(one), expected, 1e-7)
+        assert np.abs(expected).max() > 0.1
 
 
 def test_inverse_jacobian_inverts_the_forward_one(robot, rng):
     joints = shaken_joints(robot, rng)[0]
-    pose, jacobian = forward(robot, joints), FORWARD_MODE(robot, joints)
+    pose, (_, jacobian) = forward(robot, joints), forward_mode(robot, joints)
     assert close(js.inverse_jacobian(robot, pose) @ jacobian, np.eye(len(joints)), 1e-9)
     rates = robot.space.rates_to_twist(pose)
     assert close(js.inverse_jacobian(robot, pose, rates="twist") @ rates @ jacobian, np.eye(len(joints)), 1e-9)
 
 
-def test_every_dimension_has_the_derivative_of_the_differences(robot, rng):
+@unoptimized
+@partial(jax.hessian, argnums=1)
+def second_derivatives(robot, joints):
+    return squares(robot, joints)
+
+
+@unoptimized
+@partial(jax.grad, argnums=1)
+def first_derivatives(robot, joints):
+    return squares(robot, joints)
+
+
+def squares(robot, joints):
+    return jnp.sum(forward(robot, joints) ** 2)
+
+
+def test_second_derivatives_agree_with_differences_of_the_first(robot_of_a_kind, rng):
+    robot = robot_of_a_kind
     joints = shaken_joints(robot, rng)[0]
-    numbers, rebuild = jax.flatten_util.ravel_pytree(robot)
-
-    @jax.jit
-    def solve(numbers):
-        return js.forward_kinematics(rebuild(numbers), joints).value
-
-    one_way, other_way = jax.jit(jax.jacfwd(solve))(numbers), jax.jit(jax.jacrev(solve))(numbers)
-    assert close(one_way, other_way, 1e-11)
-    assert close(one_way, central_differences(solve, numbers), 1e-7)
-    assert np.abs(one_way).max() > 0.1
-
-
-def test_second_derivatives_agree_with_differences_of_the_first(robot, rng):
-    joints = shaken_joints(robot, rng)[0]
-
-    def scalar(q):
-        return jnp.sum(js.forward_kinematics(robot, q).value ** 2)
-
-    hessian = jax.jit(jax.hessian(scalar))(joints)
+    hessian = second_derivatives(robot, joints)
     assert close(hessian, hessian.T, 1e-10)
-    assert close(hessian, central_differences(jax.jit(jax.grad(scalar)), joints), 1e-5)
+    assert close(hessian, central_differences(partial(first_derivatives, robot), joints), 1e-5)
 
 
 def test_jit_equals_eager_and_vmap_equals_a_loop(robot, rng):
@@ -140,43 +155,54 @@ def test_jit_equals_eager_and_vmap_equals_a_loop(robot, rng):
         assert close(js.inverse_kinematics(robot, pose).value, value, 1e-13) and close(alike, value, 1e-13)
 
 
+@unoptimized
+@jax.grad
+def masked_gradient(robot, poses):
+    solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
+    return jnp.sum(jnp.where(solution.converged[:, None], solution.value, 0))
+
+
 def test_a_failed_lane_neither_raises_nor_leaks(robot, rng):
     poses = reachable_poses(robot, rng).at[1, 0].add(100 * robot.length).at[2].set(jnp.nan)
-
-    def masked(robot):
-        solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
-        return jnp.sum(jnp.where(solution.converged[:, None], solution.value, 0))
-
     solution = inverse_batch(robot, poses)
     assert solution.status[0] == js.Status.CONVERGED
     endless = isinstance(robot, ENDLESS)
     assert solution.status[1] in ((js.Status.CONVERGED,) if endless else (js.Status.NO_SOLUTION, js.Status.MAX_STEPS))
     assert solution.status[2] == js.Status.NONFINITE
-    gradient = jax.jit(jax.grad(masked))(robot)
+    gradient = masked_gradient(robot, poses)
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(gradient))
     assert js.feasibility(robot, poses[2]).margin == -jnp.inf
 
 
 def test_float32_stays_float32_and_agrees_with_float64(robot, rng):
     joints = shaken_joints(robot, rng)[0]
-    functions = [
-        lambda robot, pose, joints: js.inverse_kinematics(robot, pose).value,
-        lambda robot, pose, joints: js.forward_kinematics(robot, joints).value,
-        lambda robot, pose, joints: js.inverse_jacobian(robot, pose),
-        lambda robot, pose, joints: js.feasibility(robot, pose).margin,
-        lambda robot, pose, joints: js.gear_ratios(robot, pose).translation,
-        lambda robot, pose, joints: js.singularity(robot, pose).type1,
-        lambda robot, pose, joints: FORWARD_MODE(robot, joints),
-        lambda robot, pose, joints: REVERSE_MODE(robot, joints),
+    double = robot, forward(robot, joints), joints
+    robot, pose, joints = single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), double)
+    shapes = [
+        jax.eval_shape(function, *single)
+        for function in (
+            lambda robot, pose, joints: js.inverse_jacobian(robot, pose),
+            lambda robot, pose, joints: js.feasibility(robot, pose).margin,
+            lambda robot, pose, joints: js.margins(robot, pose),
+            lambda robot, pose, joints: js.gear_ratios(robot, pose).translation,
+            lambda robot, pose, joints: js.singularity(robot, pose).type1,
+            lambda robot, pose, joints: js.forward_kinematics_all(robot, joints).values,
+        )
     ]
-    double = (robot, forward(robot, joints), joints)
-    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), double)
-    for function in functions:
-        value = function(*single)
-        assert value.dtype == jnp.float32
-        assert close(value, function(*double), 2e-3)
-    solution = js.inverse_kinematics(*single[:2])
-    assert bool(solution.converged) and solution.residual_norm < 1e-5
+    assert {leaf.dtype for leaf in jax.tree.leaves(shapes)} == {jnp.dtype(jnp.float32)}
+    inverse, ahead = js.inverse_kinematics(robot, pose), js.forward_kinematics(robot, joints)
+    assert inverse.value.dtype == ahead.value.dtype == jnp.float32
+    assert bool(inverse.converged) and bool(ahead.converged) and inverse.residual_norm < 1e-5
+    assert close(inverse.value, js.inverse_kinematics(*double[:2]).value, 2e-3) and close(ahead.value, double[1], 2e-3)
+
+
+def test_derivatives_in_float32_agree_with_float64(robot_of_a_kind, rng):
+    robot, joints = robot_of_a_kind, shaken_joints(robot_of_a_kind, rng)[0]
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), (robot, joints))
+    for derivative in (forward_mode, reverse_mode):
+        for one, expected in zip(derivative(*single), derivative(robot, joints), strict=True):
+            assert {leaf.dtype for leaf in jax.tree.leaves(one)} == {jnp.dtype(jnp.float32)}
+            assert close(flat(one), flat(expected), 2e-3)
 
 
 def test_integers_become_floats(robot):
@@ -220,7 +246,7 @@ def test_an_empty_batch_gives_an_empty_answer(robot):
 
 def test_the_margin_is_continuous_and_changes_sign_at_the_boundary(robot, rng):
     home = robot.home()[0]
-    margins = jax.jit(jax.vmap(lambda pose: js.feasibility(robot, pose).margin))
+    margins = partial(margin_batch, robot)
     if robot.constraints(*robot.space.place(home)):  # leaves its poses in every direction but its own
         aside = np.asarray(home) + np.linspace(0.001, 1, 50)[:, None] * np.eye(6)[0]
         assert (np.asarray(margins(aside)) < 0).all() and margins(home[None])[0] > 0
@@ -234,17 +260,27 @@ def test_the_margin_is_continuous_and_changes_sign_at_the_boundary(robot, rng):
         assert np.abs(np.diff(line)).max() < 0.03, "a jump"
 
 
+@unoptimized
+@partial(jax.vmap, in_axes=(None, 0))
+@partial(jax.grad, argnums=1)
+def least_margin_slopes(robot, pose):
+    return js.margins(robot, pose).min()
+
+
+@unoptimized
+@partial(jax.vmap, in_axes=(None, 0))
+@partial(jax.grad, argnums=(0, 1))
+def margin_slopes(robot, pose):
+    return js.feasibility(robot, pose).margin
+
+
 def test_the_least_of_all_margins_is_that_of_feasibility(robot, rng):
     poses = reachable_poses(robot, rng)[:4]
-    each, margin = jax.vmap(lambda p: (js.margins(robot, p), js.feasibility(robot, p).margin))(poses)
+    each, margin = jax.vmap(js.margins, (None, 0))(robot, poses), margin_batch(robot, poses)
     names = robot.legs().limits
     assert each.shape == (4, len(robot.actuation()), 1 + len(names or each[0, 0, 1:]))
     np.testing.assert_allclose(each.min(axis=(1, 2)), margin, rtol=1e-12)
-    slopes = [
-        jax.jit(jax.vmap(jax.grad(f)))(poses)
-        for f in (lambda p: js.margins(robot, p).min(), lambda p: js.feasibility(robot, p).margin)
-    ]
-    assert close(*slopes, 1e-9)
+    assert close(least_margin_slopes(robot, poses), margin_slopes(robot, poses)[1], 1e-9)
 
 
 def test_the_table_of_dimensions_names_every_field(robot):
@@ -258,11 +294,17 @@ def matrix_of(robot, pose):
     return np.concatenate([position.array() / robot.length, turned.ravel()])
 
 
+@unoptimized
+@partial(jax.vmap, in_axes=(None, 0))
+def all_modes(robot, joints):
+    return js.forward_kinematics_all(robot, joints, starts=500)
+
+
 def test_the_generating_pose_is_among_the_assembly_modes(robot, rng):
     joints = shaken_joints(robot, rng)
     poses = forward_batch(robot, joints)
     assert bool(poses.converged.all())
-    modes = jax.vmap(lambda q: js.forward_kinematics_all(robot, q, starts=500))(joints)
+    modes = all_modes(robot, joints)
     for i, pose in enumerate(poses.value[:2]):
         found = [matrix_of(robot, value) for value in modes.values[i][modes.valid[i]]]
         assert len(found) == int(modes.count[i])
@@ -272,7 +314,7 @@ def test_the_generating_pose_is_among_the_assembly_modes(robot, rng):
         for pose, full in zip(modes.values[i][modes.valid[i]], modes.joints[i][modes.valid[i]], strict=True):
             assert np.abs(js.residual(robot, full, pose)).max() < 1e-10
             assert close(robot.actuated(full), joints[i], 1e-15)
-    assert not js.forward_kinematics_all(robot, joints[0] * jnp.nan, starts=500).valid.any()
+    assert not all_modes(robot, joints.at[0].set(jnp.nan)).valid[0].any()
 
 
 def test_every_working_mode_closes_and_home_is_among_them(robot):
@@ -287,6 +329,14 @@ def test_every_working_mode_closes_and_home_is_among_them(robot):
         assert np.abs(values[i][valid[i]] - np.array(home)).max(axis=1).min() < 1e-9 * float(robot.length)
     for choice in itertools.islice(itertools.product(*(one[ok] for one, ok in zip(values, valid, strict=True))), 64):
         assert np.abs(js.residual(robot, join_joints(robot, choice), pose)).max() < 1e-12
+
+
+def measured(robot, pose):
+    measures = js.singularity(robot, js.constrained_pose(robot, pose).value)
+    return jnp.append(measures.type1, measures.type2)
+
+
+measures_slopes = unoptimized(jax.jacfwd(measured, 1))
 
 
 def test_singularity_measures_are_pure_numbers_and_smooth(robot, rng):
@@ -304,18 +354,11 @@ def test_singularity_measures_are_pure_numbers_and_smooth(robot, rng):
     assert close(again.type1, measures.type1, 1e-9) and abs(float(again.type2 / measures.type2) - 1) < 1e-9
 
     pose = reachable_poses(robot, rng)[0]
-
-    @jax.jit
-    def both(pose):
-        measures = js.singularity(robot, js.constrained_pose(robot, pose).value)
-        return jnp.append(measures.type1, measures.type2)
-
-    assert close(jax.jit(jax.jacfwd(both))(pose), central_differences(both, pose), 1e-7)
+    assert close(measures_slopes(robot, pose), central_differences(partial(measured, robot), pose), 1e-7)
 
 
 def test_the_margin_has_a_finite_gradient_at_home(robot):
     """Level and symmetric poses put zeros under square roots."""
-    gradient = jax.jit(jax.grad(lambda robot, pose: js.feasibility(robot, pose).margin, (0, 1)))(robot, robot.home()[0])
-    leaves = jax.tree.leaves(gradient)
+    leaves = jax.tree.leaves(margin_slopes(robot, jnp.stack([robot.home()[0]] * 4)))
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in leaves)
     assert max(float(jnp.abs(leaf).max()) for leaf in leaves) > 0

@@ -83,10 +83,11 @@ def reached_margin(robot: Mechanism, pose: jax.Array) -> Scalar:
 
 def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     placed = place(robot, pose)
-    cases = list(zip(placed.legs, placed.attachments, placed.homes, strict=True))
-    verdicts = over_legs(_verdict, *lax.stop_gradient((robot.legs(), [case[1:] for case in cases])))
+    seen = list(zip(placed.attachments, placed.homes, strict=True))
+    verdicts = over_legs(_verdict, *lax.stop_gradient((robot.legs(), seen)))
     margins, statuses = zip(*verdicts, strict=True)
-    margin, status = _least(margins, cases), functools.reduce(jnp.maximum, statuses)
+    margin = _least(margins, list(zip(placed.legs, placed.attachments, strict=True)), placed.homes)
+    status = functools.reduce(jnp.maximum, statuses)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
         off, tol = safe_sqrt(sum(c * c for c in constraints)), default_tol(pose.dtype)
@@ -103,24 +104,20 @@ def _verdict(leg: Any, case: tuple[Any, Any]) -> tuple[Scalar, Scalar]:
 
 
 @jax.custom_jvp
-def _least(margins: Sequence[Scalar], cases: list[Any]) -> Scalar:
-    """Least margin of the legs, each given as (leg, attachment, home)."""
+def _least(margins: Sequence[Scalar], cases: list[Any], homes: list[Any]) -> Scalar:
+    """Least margin of the legs, each given as (leg, attachment), and its home mode."""
     return smallest(margins)
 
 
 @_least.defjvp
 def _least_jvp(primals, tangents):
     """Only the leg that decides has a derivative: it is picked first, and one leg differentiated."""
-    (margins, cases), (_, moved) = primals, tangents
-    margin, case, motion = margins[0], cases[0], moved[0]
-    for other, leg, tangent in zip(margins[1:], cases[1:], moved[1:], strict=True):
-        less = other < margin
-        margin, case, motion = jax.tree.map(
-            lambda new, old, less=less: jnp.where(less, new, old),
-            (other, leg, tangent),
-            (margin, case, motion),
-        )
-    gradient = fence(jax.grad(lambda c: _leg_margin(*c, True)[0])(fence(case)))
+    (margins, cases, homes), (_, moved, _) = primals, tangents
+    chosen = margins[0], cases[0], moved[0], homes[0]
+    for other in zip(margins[1:], cases[1:], moved[1:], homes[1:], strict=True):
+        chosen = jax.tree.map(lambda new, old, less=other[0] < chosen[0]: jnp.where(less, new, old), other, chosen)
+    _, case, motion, home = chosen
+    gradient = fence(jax.grad(lambda c: _leg_margin(*c, home, True)[0])(fence(case)))
     products = jax.tree.leaves(jax.tree.map(lambda g, m: jnp.sum(g * m), gradient, motion))
     return _least(*primals), sum(products[1:], products[0])
 

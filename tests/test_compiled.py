@@ -1,0 +1,140 @@
+"""What is compiled: how much, how often, and never twice."""
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+
+import jax
+import pytest
+
+import jaxscissor as js
+from tests.calls import calls_of
+from tests.conftest import MORE, ROBOTS
+from tests.test_contract import forward
+
+# instructions of the optimized program that ``jax.jit`` makes, for the TSE; what was measured, and five per cent
+BUDGETS = {
+    "inverse_kinematics": 3480,
+    "inverse_kinematics of a batch": 4100,
+    "workspace_fraction": 3800,
+    "forward_kinematics": 14000,
+    "singularity": 10500,
+    "soft_workspace_fraction": 11900,
+}
+SMALL = "linear_delta", "navaro_mode_8"  # robots that compile in no time, and have all functions between them
+LARGE = {
+    "forward_kinematics_all": 28500,
+    "jacobian of forward_kinematics": 29700,
+    "exact_workspace_fraction": 27300,
+    "clearance": 16600,
+}
+CONSTRUCTION = """
+import json, jax
+jax.config.update("jax_enable_x64", True)
+compiled = []
+listen = jax.monitoring.register_event_duration_secs_listener
+listen(lambda event, *_, **labels: compiled.append(1) if "backend_compile" in event else None)
+import jaxscissor as js
+many = {}
+for name in ("TripleScissorExtender", "NavaroII", "TriScott", "Micabo", "StewartGough"):
+    compiled.clear()
+    getattr(js, name).prototype().home()
+    many[name] = len(compiled)
+compiled.clear()
+js.TripleScissorExtender.from_ratios(0.3, 0.4, 0.05, 0.1).home()
+many["from_ratios"] = len(compiled)
+print(json.dumps(many))
+"""
+
+
+@pytest.fixture
+def compiled():
+    """A list of the programs that are compiled while the test runs."""
+    names = []
+
+    def listen(event, _, **labels):
+        if "backend_compile" in event:
+            names.append(labels.get("fun_name"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield names
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def test_building_a_robot_compiles_two_programs_at_most():
+    text = subprocess.run([sys.executable, "-c", CONSTRUCTION], check=True, capture_output=True, text=True).stdout
+    assert max(json.loads(text).values()) <= 2, text
+
+
+def test_every_function_of_a_robot_is_called_here():
+    names = {name for name, thing in vars(js).items() if inspect.isfunction(thing) and _takes_a_robot(thing)}
+    called = {name for robot in SMALL for name in calls_of(ROBOTS[robot]())}
+    assert len(names) > 30 and names <= called
+
+
+def _takes_a_robot(function):
+    return {"robot", "robots", "objective", "objectives", "choices"} & set(inspect.signature(function).parameters)
+
+
+def moved(robot):
+    """The robot with other numbers in the same shapes."""
+    return jax.tree.map(lambda leaf: leaf * (1 + 1e-4), robot)
+
+
+REST = [name for name in ROBOTS | MORE if name not in SMALL]
+
+
+@pytest.mark.parametrize("name", [*SMALL, *(pytest.param(name, marks=pytest.mark.exhaustive) for name in REST)])
+def test_no_public_function_compiles_anything_at_its_second_call(name, compiled):
+    robot = (ROBOTS | MORE)[name]()
+    calls, again = calls_of(robot), calls_of(moved(robot))
+    for function in set(calls) - (set(calls_of(ROBOTS[SMALL[0]]())) if name == SMALL[1] else set()):
+        jax.block_until_ready(calls[function]())
+        compiled.clear()
+        jax.block_until_ready(again[function]())
+        assert not compiled, f"{function} compiled {compiled} again"
+
+
+def test_sizes_are_no_part_of_a_program(prototype, compiled):
+    region = js.Cylinder(prototype.length / 2, prototype.length)
+    for count in (40_000, 50_000):
+        compiled.clear()
+        js.workspace_fraction(prototype, region.quasi_random(count))
+    assert not compiled
+    for rays in (5, 50, 500):
+        compiled.clear()
+        js.exact_workspace_fraction(prototype, region, rays=rays, cells=8)
+    assert not compiled
+
+
+def instructions(function, *arguments):
+    text = jax.jit(function).lower(*arguments).compile().as_text()
+    return len(re.findall(r"^\s+(?:ROOT )?%?[\w.\-]+ = ", text, re.MULTILINE))
+
+
+def programs(robot):
+    """What the budgets are for, with arguments."""
+    home, joints = robot.home()
+    region = js.Cylinder(robot.length / 2, robot.length)
+    poses, actuated = region.quasi_random(100_000)[:], robot.actuated(joints)
+    return {
+        "inverse_kinematics": (js.inverse_kinematics, robot, home),
+        "inverse_kinematics of a batch": (jax.vmap(js.inverse_kinematics, (None, 0)), robot, poses),
+        "workspace_fraction": (js.workspace_fraction, robot, poses),
+        "forward_kinematics": (js.forward_kinematics, robot, actuated),
+        "singularity": (js.singularity, robot, home),
+        "soft_workspace_fraction": (jax.value_and_grad(js.soft_workspace_fraction), robot, poses),
+        "forward_kinematics_all": (js.forward_kinematics_all, robot, actuated),
+        "jacobian of forward_kinematics": (jax.jacfwd(forward, 1), robot, actuated),
+        "exact_workspace_fraction": (jax.value_and_grad(js.exact_workspace_fraction), robot, region),
+        "clearance": (js.clearance, robot, home),
+    }
+
+
+@pytest.mark.parametrize("name", [*BUDGETS, *(pytest.param(name, marks=pytest.mark.exhaustive) for name in LARGE)])
+def test_programs_stay_within_their_budgets(name, prototype):
+    many = instructions(*programs(prototype)[name])
+    budget = (BUDGETS | LARGE)[name]
+    assert 0.8 * budget < many <= budget, "less is welcome: then lower the budget"
