@@ -15,6 +15,9 @@ import jaxscissor as js
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
 matplotlib.use("Agg")
+if "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ:  # see as_users
+    os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
+    jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_num_cpu_devices", 8)  # for tests that share out work; the others use the first
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64", "1") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -23,13 +26,15 @@ settings.register_profile("default", deadline=None, derandomize=True, max_exampl
 settings.load_profile("default")
 
 
-def unoptimized(function, **options):
-    """A jitted function that is long to compile and runs a few times: derivatives, in a third of the time.
+def as_users(function, **options):
+    """A jitted function compiled as users compile, for the laws of batches and statuses.
 
-    All else compiles as users do: a fault of what the optimizer makes of a batch is to show.
+    What the optimizer makes of a batch is to be tested; what is long to compile and runs a few times, derivatives
+    and searches, is compiled without it, in a third of the time. Functions of one pose called with numbers always
+    compile as users do.
     """
-    flags = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-    return jax.jit(function, compiler_options=flags, **options)
+    flags = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
+    return jax.jit(function, compiler_options=flags | {"xla_cpu_use_fusion_emitters": True}, **options)
 
 
 def tse_clockwise() -> js.TripleScissorExtender:
@@ -80,6 +85,13 @@ def robot(request):
 def robot_of_a_kind(request):
     """One robot per kind of leg, and one whose pose is bound; the others are left to the exhaustive tests."""
     return (ROBOTS | MORE)[request.param]()
+
+
+def pytest_collection_modifyitems(items):
+    """Tests of one file run in one process, which compiles what they share once."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -56,7 +56,7 @@ def test_a_scott_linkage_reaches_as_far_as_its_link_is_long():
     np.testing.assert_allclose(met.distance, stretched.min(), rtol=1e-7)
 
 
-@pytest.fixture(scope="module", params=["tse_prototype", "navaro_mode_3"])
+@pytest.fixture(scope="module", params=["tse_prototype", "navaro_mode_8"])
 def case(request):
     robot = ROBOTS[request.param]()
     pose = robot.home()[0]

@@ -12,7 +12,7 @@ import pytest
 
 import jaxscissor as js
 from jaxscissor.mechanisms._contract import join_joints, legs_of, split_joints
-from tests.conftest import unoptimized
+from tests.conftest import as_users
 from tests.toys import Planar3RPR
 
 DIFFERENCE = 1e-6
@@ -30,11 +30,11 @@ def flat(tree):
 
 
 # of module level and with the robot as an argument, so that robots of one shape share their programs
-forward_batch = jax.jit(jax.vmap(js.forward_kinematics, (None, 0)))
-inverse_batch = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))
-margin_batch = jax.jit(jax.vmap(lambda robot, pose: js.feasibility(robot, pose).margin, (None, 0)))
-forward_mode = unoptimized(jax.jacfwd(forward, (0, 1)))  # by every dimension and by the joints
-reverse_mode = unoptimized(jax.jacrev(forward, (0, 1)))
+forward_batch = as_users(jax.vmap(js.forward_kinematics, (None, 0)))
+inverse_batch = as_users(jax.vmap(js.inverse_kinematics, (None, 0)))
+margin_batch = as_users(jax.vmap(lambda robot, pose: js.feasibility(robot, pose).margin, (None, 0)))
+forward_mode = jax.jit(jax.jacfwd(forward, (0, 1)))  # by every dimension and by the joints
+reverse_mode = jax.jit(jax.jacrev(forward, (0, 1)))
 
 
 def shaken_joints(robot, rng, size=0.03):
@@ -124,13 +124,13 @@ def test_inverse_jacobian_inverts_the_forward_one(robot, rng):
     assert close(js.inverse_jacobian(robot, pose, rates="twist") @ rates @ jacobian, np.eye(len(joints)), 1e-9)
 
 
-@unoptimized
+@jax.jit
 @partial(jax.hessian, argnums=1)
 def second_derivatives(robot, joints):
     return squares(robot, joints)
 
 
-@unoptimized
+@jax.jit
 @partial(jax.grad, argnums=1)
 def first_derivatives(robot, joints):
     return squares(robot, joints)
@@ -155,7 +155,7 @@ def test_jit_equals_eager_and_vmap_equals_a_loop(robot, rng):
         assert close(js.inverse_kinematics(robot, pose).value, value, 1e-13) and close(alike, value, 1e-13)
 
 
-@unoptimized
+@jax.jit
 @jax.grad
 def masked_gradient(robot, poses):
     solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
@@ -260,14 +260,14 @@ def test_the_margin_is_continuous_and_changes_sign_at_the_boundary(robot, rng):
         assert np.abs(np.diff(line)).max() < 0.03, "a jump"
 
 
-@unoptimized
+@jax.jit
 @partial(jax.vmap, in_axes=(None, 0))
 @partial(jax.grad, argnums=1)
 def least_margin_slopes(robot, pose):
     return js.margins(robot, pose).min()
 
 
-@unoptimized
+@jax.jit
 @partial(jax.vmap, in_axes=(None, 0))
 @partial(jax.grad, argnums=(0, 1))
 def margin_slopes(robot, pose):
@@ -294,7 +294,7 @@ def matrix_of(robot, pose):
     return np.concatenate([position.array() / robot.length, turned.ravel()])
 
 
-@unoptimized
+@jax.jit
 @partial(jax.vmap, in_axes=(None, 0))
 def all_modes(robot, joints):
     return js.forward_kinematics_all(robot, joints, starts=500)
@@ -336,7 +336,7 @@ def measured(robot, pose):
     return jnp.append(measures.type1, measures.type2)
 
 
-measures_slopes = unoptimized(jax.jacfwd(measured, 1))
+measures_slopes = jax.jit(jax.jacfwd(measured, 1))
 
 
 def test_singularity_measures_are_pure_numbers_and_smooth(robot, rng):
