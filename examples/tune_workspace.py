@@ -8,6 +8,7 @@ sample. Figures go to ``figures/``. Run ``python examples/tune_workspace.py``; `
 
 import argparse
 import dataclasses
+import os
 import pathlib
 import time
 
@@ -81,7 +82,10 @@ def main(argv=None):
     args = parser.parse_args(argv)
     matplotlib.use("Agg")
     jax.config.update("jax_enable_x64", True)
-    poses, samples, steps = (20_000, 4096, 20) if args.small else (1_000_000, 65_536, 100)
+    if args.small:  # there is little to compute, so that compiling takes most of the time
+        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+        jax.config.update("jax_disable_most_optimizations", True)
+    poses, samples, steps = (40_000, 4096, 20) if args.small else (1_000_000, 65_536, 100)
     began = time.perf_counter()
 
     robot = js.TripleScissorExtender.prototype()

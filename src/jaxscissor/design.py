@@ -237,7 +237,7 @@ def optimize_design(
         over_all = programs.judge(judged, numbers)[0]
         best, started = dataclasses.replace(best, objective=over_all[1:]), (over_all[0], started[1])
     chosen, status = _chosen(best, started)
-    all_params = between(best.units, low, high)
+    all_params = jax.vmap(between, (0, None, None))(best.units, low, high)
     design = jax.tree.map(lambda leaf: leaf[chosen], all_params)
     return DesignResult(
         params=design,
