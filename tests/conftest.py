@@ -37,6 +37,11 @@ def as_users(function, **options):
     return jax.jit(function, compiler_options=flags | {"xla_cpu_use_fusion_emitters": True}, **options)
 
 
+def exhaustive(*values):
+    """Parameters of a test that are left to ``-m exhaustive``."""
+    return [pytest.param(value, marks=pytest.mark.exhaustive) for value in values]
+
+
 def tse_clockwise() -> js.TripleScissorExtender:
     """Other proportions and legs counted clockwise, in the shapes of the prototype: both share their programs."""
     third = 2 * np.pi / 3

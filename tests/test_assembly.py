@@ -11,6 +11,8 @@ import jaxscissor as js
 from tests.test_contract import matrix_of
 
 INCH = 0.0254
+all_modes = jax.jit(jax.vmap(js.forward_kinematics_all, (None, 0)))
+inverse_batch = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))
 
 
 def published_hexapod():
@@ -41,7 +43,7 @@ def reached(robot, rng, n):
     tilt = np.full(3, np.pi / 6)
     region = js.Cylinder(length / 2, length, orientation=(-tilt, tilt))
     poses = region.quasi_random(4 * n, seed=int(rng.integers(1000)))[:]
-    solution = jax.vmap(js.inverse_kinematics, (None, 0))(robot, poses)
+    solution = inverse_batch(robot, poses)
     picked = np.flatnonzero(np.asarray(solution.converged))[:n]
     assert len(picked) == n
     return poses[picked], solution.value[picked]
@@ -53,7 +55,7 @@ def reached(robot, rng, n):
 def test_scissor_extender_is_assembled_as_a_dense_search_finds(ratios, rng):
     robot = js.TripleScissorExtender.from_ratios(*ratios)
     poses, joints = reached(robot, rng, 100)
-    modes = jax.jit(jax.vmap(js.forward_kinematics_all, (None, 0)))(robot, joints)
+    modes = all_modes(robot, joints)
     for i, pose in enumerate(poses):
         found = np.stack([matrix_of(robot, value) for value in modes.values[i][modes.valid[i]]])
         assert np.abs(found - matrix_of(robot, pose)).max(axis=1).min() < 1e-8

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS
+from tests.conftest import ROBOTS, exhaustive
 
 
-@pytest.mark.parametrize("name", ["tse_prototype", "navaro_mode_1", "tri_scott_skewed", "three_prs"])
+@pytest.mark.parametrize("name", ["tse_prototype", "three_prs", *exhaustive("navaro_mode_1", "tri_scott_skewed")])
 def test_shares_add_up_to_what_is_out_of_reach(name):
     robot = ROBOTS[name]()
     home = np.asarray(robot.home()[0])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS
+from tests.conftest import ROBOTS, exhaustive
 from tests.toys import ThreePRS
 
 along = jax.jit(jax.vmap(js.clearance_along, (None, None, 0)))
@@ -56,7 +56,7 @@ def test_a_scott_linkage_reaches_as_far_as_its_link_is_long():
     np.testing.assert_allclose(met.distance, stretched.min(), rtol=1e-7)
 
 
-@pytest.fixture(scope="module", params=["tse_prototype", "navaro_mode_8"])
+@pytest.fixture(scope="module", params=["navaro_mode_8", *exhaustive("tse_prototype")])
 def case(request):
     robot = ROBOTS[request.param]()
     pose = robot.home()[0]

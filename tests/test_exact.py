@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS
+from tests.conftest import ROBOTS, exhaustive
 from tests.toys import LinearDelta
 
 RAYS = 4096
@@ -108,7 +108,7 @@ def test_designs_measured_together_and_each_alone_agree():
     np.testing.assert_allclose(jax.vmap(measure)(designs), alone, rtol=1e-13)
 
 
-@pytest.mark.parametrize("name", REGIONS)
+@pytest.mark.parametrize("name", ["tse_prototype", "three_prs", *exhaustive("stewart_gough", "tri_scott_skewed")])
 def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
     robot, axis = ROBOTS[name](), REGIONS[name][1]
     region = region_of(name, robot)
@@ -128,7 +128,7 @@ def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
 
 def test_the_prototype_reaches_the_same_part_whichever_way_the_rays_run(prototype):
     cylinder = js.Cylinder(prototype.length / 2, prototype.length)
-    hard = float(js.workspace_fraction(prototype, cylinder.quasi_random(1_000_000, seed=1)))
+    hard = float(js.workspace_fraction(prototype, cylinder.quasi_random(200_000, seed=1)))
     for axis in (0, 2):
         assert js.exact_workspace_fraction(prototype, cylinder, rays=4000, axes=(axis,)) == pytest.approx(
             hard, abs=1e-3

@@ -13,6 +13,7 @@ import jaxscissor as js
 from jaxscissor.aspects import least_between
 from jaxscissor.modes import fewest_switches
 from jaxscissor.singularity import _type2, _without_passive
+from tests.conftest import exhaustive
 
 BOX = js.Box([-50.0, -60.0, -np.pi], [140.0, 130.0, np.pi])
 CENTER = np.array([45.0, 15 * np.sqrt(3)])
@@ -65,7 +66,7 @@ def test_limits_bound_the_aspects_and_angles_wrap():
     assert found.label([500.0, 26.0, 0.5]) == -1
 
 
-@pytest.mark.parametrize("mode", [2, 5])
+@pytest.mark.parametrize("mode", [2, *exhaustive(5)])
 def test_a_cuspidal_pair_has_the_same_joints_and_a_regular_path(mode):
     """The paper's open question, answered by an example: verified here by det A of [NAV19 eq. 6]."""
     robot, found = endless(mode), js.aspects(endless(mode), BOX, (32, 32, 32), clearance=0.02)
@@ -103,7 +104,7 @@ def turn(angle):
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-@pytest.mark.parametrize("mode", [1, 8])
+@pytest.mark.parametrize("mode", [8, *exhaustive(1)])
 def test_no_cuspidal_pair_in_modes_1_and_8(mode):
     search = js.cuspidal_search(endless(mode), partition(mode, 0.0), tries=300)
     assert not search.found and search.tried == 300 and search.most == {1: 2, 8: 4}[mode]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from tests.conftest import exhaustive
 
 ROOT3 = np.sqrt(3)
 MODES = sorted(js.ACTUATION_MODES)
@@ -139,7 +140,7 @@ def random_poses(rng, n):
     return np.column_stack([rng.uniform(-50, 140, (n, 2)), rng.uniform(-np.pi, np.pi, n)])
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", [1, 8, *exhaustive(2, 3, 4, 5, 6, 7)])
 def test_type_2_measure_has_the_sign_of_det_a_and_of_the_papers_polynomial(mode, rng):
     robot, poses = js.NavaroII.prototype(mode), random_poses(rng, 10_000)
     type2 = np.asarray(jax.jit(jax.vmap(lambda pose: js.singularity(robot, pose).type2))(poses))
@@ -150,7 +151,7 @@ def test_type_2_measure_has_the_sign_of_det_a_and_of_the_papers_polynomial(mode,
     assert len(set(np.sign(type2 * theirs))) == 1
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", [1, 8, *exhaustive(2, 3, 4, 5, 6, 7)])
 def test_loops_close_as_the_paper_writes_them(mode, rng):
     robot = js.NavaroII.prototype(mode)
     x, y, alpha = pose = random_poses(rng, 1)[0]
@@ -227,7 +228,7 @@ def corner_gaps(poses, others):
     return np.sqrt(np.mean(np.abs(turned[0] - turned[1]) ** 2, axis=-1))
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", [1, 8, *exhaustive(2, 3, 4, 5, 6, 7)])
 def test_six_sensors_give_the_pose_and_the_assembly_mode(mode):
     poses, _, exact, noisy = sensed(mode)
     lanes = np.arange(len(poses))
@@ -254,7 +255,7 @@ def test_sensors_must_be_six():
         js.sensed_mode(js.NavaroII.prototype(8), np.zeros(3))
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", [1, 8, *exhaustive(2, 3, 4, 5, 6, 7)])
 def test_parity_and_largest_number_of_assembly_modes(mode):
     poses, _, exact, _ = sensed(mode)
     modes = exact.modes

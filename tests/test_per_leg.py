@@ -34,7 +34,8 @@ def reached(robot, rng):
     return everything(robot, robot.home()[0], joints)["forward"], joints
 
 
-def test_equal_legs_make_the_robot_itself(robot, rng):
+def test_equal_legs_make_the_robot_itself(robot_of_a_kind, rng):
+    robot = robot_of_a_kind
     at = reached(robot, rng)
     ours, theirs = everything(js.per_leg(robot), *at), everything(robot, *at)
     assert ours.pop("statuses") == theirs.pop("statuses") == (js.Status.CONVERGED,) * 2
@@ -42,7 +43,8 @@ def test_equal_legs_make_the_robot_itself(robot, rng):
         assert close(one, other, 1e-11)
 
 
-def test_a_leg_of_other_dimensions_moves_its_own_joints_alone(robot, rng):
+def test_a_leg_of_other_dimensions_moves_its_own_joints_alone(robot_of_a_kind, rng):
+    robot = robot_of_a_kind
     at, equal = reached(robot, rng), js.per_leg(robot)
     longer = js.PerLeg(jax.tree.map(lambda leaf: leaf.at[1].mul(1.001), equal.copies))
     before, after = (everything(one, *at)["inverse"] for one in (equal, longer))
@@ -51,7 +53,8 @@ def test_a_leg_of_other_dimensions_moves_its_own_joints_alone(robot, rng):
         assert (moved == 0).all() if leg != 1 else moved.max() > 1e-6
 
 
-def test_home_closes_legs_of_different_dimensions(robot, rng):
+def test_home_closes_legs_of_different_dimensions(robot_of_a_kind, rng):
+    robot = robot_of_a_kind
     at, equal = reached(robot, rng), js.per_leg(robot)
     shaken = jax.tree.map(lambda leaf: leaf * (1 + 1e-3 * rng.uniform(-1, 1, leaf.shape)), equal.copies)
     crooked = everything(js.PerLeg(shaken), *at)

@@ -85,12 +85,11 @@ class Placed(NamedTuple):
     rotation: Rotation
     legs: list[Any]
     attachments: list[Any]
-    homes: list[Scalar | None]  # labels of the home modes, of legs whose reach is not known in closed form
 
 
 def place(robot: Mechanism, pose: jax.Array) -> Placed:
     """Evaluate what the legs see of the platform, at the pose and at home."""
-    home_pose, home_joints = robot.home()
+    home_pose, _ = robot.home()
     inverse = 1 / lax.stop_gradient(robot.length)
     finite = jnp.isfinite(fence(sum((x * inverse) ** 2 for x in pose)))
     # number by number: a batch of vectors would be stored once more
@@ -98,13 +97,15 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     position, rotation = robot.space.place(pose)
     legs = legs_of(robot)
     attachments = list(fence(robot.attachments(position, rotation)))
-    _, reach = jax.eval_shape(lambda leg, attachment: leg.start(attachment), legs[0], attachments[0])
-    homes = [None] * len(legs) if reach is not None else _home_modes(robot, home_pose, home_joints)
-    return Placed(finite, pose, position, rotation, legs, attachments, homes)
+    return Placed(finite, pose, position, rotation, legs, attachments)
 
 
-def _home_modes(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> list[Scalar]:
-    """Label of every leg's working mode at home."""
+def home_modes(robot: Mechanism, placed: Placed) -> list[Scalar | None]:
+    """Label of every leg's working mode at home; ``None`` if the leg's reach is known in closed form."""
+    leg, attachment = placed.legs[0], placed.attachments[0]
+    if jax.eval_shape(lambda leg, attachment: leg.start(attachment), leg, attachment)[1] is not None:
+        return [None] * len(placed.legs)
+    pose, joints = robot.home()
     cases = list(zip(split_joints(robot, joints), robot.attachments(*robot.space.place(pose)), strict=True))
     return over_legs(lambda leg, case: leg.mode(*case), *lax.stop_gradient((robot.legs(), cases)))
 
@@ -113,8 +114,9 @@ def solve_legs(
     robot: Mechanism, placed: Placed, guess: Any, tol: Any, max_steps: Any
 ) -> tuple[list[LegResult], list[Scalar]]:
     """Every leg of a placed robot solved, with its status; of the results only the roots have derivatives."""
-    guesses = [None] * len(placed.legs) if guess is None else split_joints(robot, guess)
-    seen = list(zip(placed.attachments, placed.homes, guesses, strict=True))
+    none = [None] * len(placed.legs)
+    homes, guesses = (home_modes(robot, placed), none) if guess is None else (none, split_joints(robot, guess))
+    seen = list(zip(placed.attachments, homes, guesses, strict=True))
 
     def solve(leg, case):
         attachment, home, start = case

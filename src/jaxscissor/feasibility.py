@@ -12,7 +12,7 @@ from jax import lax
 
 from jaxscissor._batching import over_legs
 from jaxscissor._fence import fence
-from jaxscissor._legs import MAX_STEPS, LegResult, leg_status, place, solve_leg
+from jaxscissor._legs import MAX_STEPS, LegResult, home_modes, leg_status, place, solve_leg
 from jaxscissor._newton import fold_distance, least_squares
 from jaxscissor._numerics import Scalar, default_tol, safe_sqrt, smallest
 from jaxscissor._program import one_pose
@@ -83,10 +83,11 @@ def reached_margin(robot: Mechanism, pose: jax.Array) -> Scalar:
 
 def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     placed = place(robot, pose)
-    seen = list(zip(placed.attachments, placed.homes, strict=True))
+    homes = home_modes(robot, placed)
+    seen = list(zip(placed.attachments, homes, strict=True))
     verdicts = over_legs(_verdict, *lax.stop_gradient((robot.legs(), seen)))
     margins, statuses = zip(*verdicts, strict=True)
-    margin = _least(margins, list(zip(placed.legs, placed.attachments, strict=True)), placed.homes)
+    margin = _least(margins, list(zip(placed.legs, placed.attachments, strict=True)), homes)
     status = functools.reduce(jnp.maximum, statuses)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
@@ -167,7 +168,7 @@ def margins(robot: Mechanism, pose: Any) -> jax.Array:
     """
     robot, pose = checked_pose(robot, pose)
     placed = place(robot, pose)
-    cases = list(zip(placed.attachments, placed.homes, strict=True))
+    cases = list(zip(placed.attachments, home_modes(robot, placed), strict=True))
     found = over_legs(lambda leg, case: _leg_margins(leg, *case, True)[0], robot.legs(), cases)
     return jnp.where(placed.finite, jnp.stack([jnp.stack(margins) for margins in found]), -jnp.inf)
 

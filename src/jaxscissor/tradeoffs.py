@@ -120,7 +120,9 @@ def pareto_front(
     archive = jax.tree.map(lambda leaf: leaf[-designs:], archive)  # those of the last round
     front = _efficient(*archive[1:])
     best = jax.tree.map(lambda leaf: leaf[front], archive[0])
-    return ParetoFront(archive[1][front], jax.vmap(between, (0, None, None))(best, low, high), _violation(archive[2][front]))
+    return ParetoFront(
+        archive[1][front], jax.vmap(between, (0, None, None))(best, low, high), _violation(archive[2][front])
+    )
 
 
 class _Programs(NamedTuple):
