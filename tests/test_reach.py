@@ -27,7 +27,9 @@ def test_the_prototype_stands_as_high_as_its_stops_let_its_leaning_scissors():
     theta = jnp.array([0.2647, np.pi / 6, 0.0186, 0.11765, np.arcsin(0.324 / 1.727), np.arcsin(1.619 / 1.727)])
 
     def heights(theta):
-        return js.height_range(js.TripleScissorExtender.from_ratios(*theta[:4], scissor_angle=(theta[4], theta[5])))
+        k1, eta, k3, k4, *stops = theta
+        bars = jnp.stack([k1, (1 - k1) / 2 * 14 / 25, (1 - k1) / 2 * 11 / 25])  # the prototype's proportions
+        return js.height_range(js.TripleScissorExtender(bars, eta, k3, k4, scissor_angle=stops))
 
     np.testing.assert_allclose(heights(theta), level_heights(theta), rtol=1e-13)
     assert_same(jax.jacrev(heights)(theta), jax.jacrev(level_heights)(theta), rtol=1e-9)

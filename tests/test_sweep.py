@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from tests.conftest import exhaustive
 from tests.toys import Planar3RPR
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -39,9 +40,9 @@ def agree(one, other):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("function", FUNCTIONS.values(), ids=FUNCTIONS)
-def test_many_devices_give_what_one_gives(function, mesh):
-    robot = Planar3RPR.example()
+@pytest.mark.parametrize("name", ["hard", "soft", *exhaustive("exact")])
+def test_many_devices_give_what_one_gives(name, mesh):
+    robot, function = Planar3RPR.example(), FUNCTIONS[name]
     agree(*(jax.value_and_grad(function)(robot, mesh=devices) for devices in (None, mesh)))
 
 
@@ -53,7 +54,7 @@ def test_a_batch_of_designs_is_shared_out_alike(function, mesh):
     assert all(jnp.ptp(leaf) > 0.01 for leaf in jax.tree.leaves(one))
 
 
-@pytest.mark.parametrize("name", ["hard", "designs", "soft", "exact"])
+@pytest.mark.parametrize("name", ["hard", "designs", "soft", *exhaustive("exact")])
 def test_the_only_communication_is_one_sum(name, mesh):
     robot = Planar3RPR.example()
     programs = {name: jax.value_and_grad(partial(function, mesh=mesh)) for name, function in FUNCTIONS.items()}
@@ -78,6 +79,7 @@ def test_a_mesh_in_use_may_be_given(mesh):
     assert shared == js.workspace_fraction(robot, SAMPLE)
 
 
+@pytest.mark.exhaustive
 def test_two_processes_give_what_one_device_gives():
     command = [sys.executable, ROOT / "examples" / "many_devices.py", "--small", "--devices", "4", "--processes", "2"]
     text = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600).stdout
@@ -106,7 +108,7 @@ def long_job(name):
     return partial(hard if name == "hard" else soft, poses=REGION.quasi_random(200_000), chunk_size=20)
 
 
-@pytest.mark.parametrize("name", ["hard", "gradient"])
+@pytest.mark.parametrize("name", ["hard", *exhaustive("gradient")])
 def test_a_job_killed_in_the_middle_ends_with_the_identical_result(name, tmp_path):
     def start(path):
         return subprocess.Popen([sys.executable, "-c", JOB, name, path], stdout=subprocess.PIPE, cwd=ROOT, text=True)

@@ -8,6 +8,7 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 import jaxscissor as js
+from tests.conftest import exhaustive
 from tests.test_contract import close
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
@@ -81,7 +82,7 @@ def test_sensitivity_of_the_hexapod_is_that_of_scipys_solutions():
     assert (found.stroke == 0).all()
 
 
-@pytest.mark.parametrize("make", [Planar3RPR.example, ThreePRS.example, LinearDelta.example])
+@pytest.mark.parametrize("make", [Planar3RPR.example, LinearDelta.example, *exhaustive(ThreePRS.example)])
 def test_legs_that_err_alike_err_as_the_robot_does(make):
     """Summed over the legs, the sensitivity is the derivative of forward kinematics by the shared dimension."""
     robot = make()
@@ -114,7 +115,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", ["navaro", "hexapod", *exhaustive("tse", "tri_scott")])
 def test_first_order_is_what_robots_drawn_at_random_do(name):
     make, aside, lengths, angles = CASES[name]
     robot = make()
