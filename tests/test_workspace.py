@@ -10,6 +10,7 @@ from benchmarks.soft_gradient import PROTOTYPE, boundary_derivative, build
 from scipy.stats import kstest
 
 import jaxscissor as js
+from tests.conftest import as_users
 from tests.toys import Planar3RPR
 
 
@@ -87,8 +88,8 @@ def test_chunks_arrays_and_lazy_samples_count_the_same(prototype):
 
 def test_feasible_means_within_every_limit(prototype, random_poses):
     poses = random_poses(prototype, 3000)
-    solution = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))(prototype, poses)
-    feasible = np.asarray(jax.jit(jax.vmap(js.feasibility, (None, 0)))(prototype, poses).feasible)
+    solution = as_users(jax.vmap(js.inverse_kinematics, (None, 0)))(prototype, poses)
+    feasible = np.asarray(as_users(jax.vmap(js.feasibility, (None, 0)))(prototype, poses).feasible)
     joints = np.asarray(solution.value).reshape(-1, 3, 2)
     eta = math.pi / 6
     width = np.hypot(joints.sum(-1) * math.cos(eta), (joints[..., 0] - joints[..., 1]) * math.sin(eta))
@@ -108,7 +109,7 @@ def test_the_margin_crosses_zero_where_the_verdict_changes_folds_included(protot
     def poses(radius, angle, height):
         return np.stack([radius * np.cos(angle), radius * np.sin(angle), height, *np.zeros((3, len(angle)))], 1)
 
-    judge = jax.jit(jax.vmap(js.feasibility, (None, 0)))
+    judge = as_users(jax.vmap(js.feasibility, (None, 0)))
     lines = [(np.full(rays, r), 2 * np.pi * unit[:, 0], length * unit[:, 1]) for r in radii]
     margins = np.stack([judge(prototype, poses(*line)).margin for line in lines], axis=1)
     assert np.abs(np.diff(margins, axis=1)).max() < 0.02
@@ -122,7 +123,7 @@ def test_the_margin_crosses_zero_where_the_verdict_changes_folds_included(protot
     outside = poses(np.where(starts_inside, high, low), lines[0][1][ray], lines[0][2][ray])
     assert np.abs(judge(prototype, inside).margin).max() < 1e-9, "zero at the change, from inside"
     assert np.abs(judge(prototype, outside).margin).max() < 1e-9, "zero at the change, from outside"
-    joints = jax.jit(jax.vmap(js.inverse_kinematics, (None, 0)))(prototype, inside).value
+    joints = as_users(jax.vmap(js.inverse_kinematics, (None, 0)))(prototype, inside).value
     lost = np.asarray(judge(prototype, outside).status) != js.Status.CONVERGED
     folds = lost & (np.asarray(joints).min(axis=1) > 1e-6)
     assert 0.24 < folds.mean() < 0.34
