@@ -114,7 +114,7 @@ def main(argv=None):
         jax.config.update("jax_disable_most_optimizations", True)
     began = time.perf_counter()
 
-    sizes, steps, checked = ((32, 12, 50), 2, 50) if args.small else ((256, 24, 500), 25, 100_000)
+    sizes, steps, checked = ((32, 12, 50), 4, 50) if args.small else ((256, 24, 500), 25, 100_000)
     result = js.optimize_design(**problem(*sizes), steps=steps)
     print(f"{result.status.name} in {time.perf_counter() - began:.0f} s")
     for name, old in FIRST.items():
