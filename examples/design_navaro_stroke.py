@@ -5,7 +5,8 @@ radius 25 about the middle of the base, with every angle from -90 to 90 deg. Whi
 and how long are the bars of a scissor of n equal crosses with that stroke, how wide is it folded, and how much faster
 than its base does it move? The paper prints r_min = 9.641016 and r_max = 79.772256, and takes 9 and 80.
 
-Run ``python examples/design_navaro_stroke.py``. Figures go to ``figures/``. The paper gives no unit of length.
+Run ``python examples/design_navaro_stroke.py``; ``--small`` for a quick look. Figures go to ``figures/``. The paper
+gives no unit of length.
 """
 
 import argparse
@@ -20,10 +21,10 @@ import jaxscissor as js
 RADIUS, TURN = 25.0, np.pi / 2
 
 
-def needed(robot):
+def needed(robot, samples):
     """Least and greatest length of any leg over the disc, and the two poses."""
     disc = js.Disc(robot.base.mean(axis=0), RADIUS, -TURN, TURN)
-    found = js.joint_range(robot, disc)
+    found = js.joint_range(robot, disc, samples=samples)
     low, high = found.low[1::2], found.high[1::2]
     poses = found.low_poses[1::2][low.argmin()], found.high_poses[1::2][high.argmax()]
     return float(low.min()), float(high.max()), poses
@@ -54,8 +55,8 @@ def table(stroke, most):
         )
 
 
-def draw(robot, poses, stroke, folder):
-    """The two poses that need the ends of the stroke, and a leg of two to six crosses folded."""
+def draw(robot, poses, stroke, most, folder):
+    """The two poses that need the ends of the stroke, and legs of two to six crosses folded."""
     import matplotlib.pyplot as plt
 
     folder.mkdir(exist_ok=True)
@@ -63,7 +64,7 @@ def draw(robot, poses, stroke, folder):
     for ax, pose in zip(axes, poses, strict=False):
         js.plot.robot(robot, pose, ax=ax, unit="unit")
         ax.add_patch(plt.Circle(np.asarray(robot.base.mean(axis=0)), RADIUS, fill=False, linestyle=":"))
-    for place, crosses in enumerate((2, 3, 4, 6)):
+    for place, crosses in enumerate(n for n in (2, 3, 4, 6) if n <= most):
         legs = scissor(stroke, crosses)
         for start, end in legs.bars(legs.width(stroke[0])):
             across, along = np.stack([start, end], axis=1)
@@ -77,13 +78,15 @@ def draw(robot, poses, stroke, folder):
 def main(argv=None):
     """Find the stroke, size the scissors, draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--small", action="store_true", help="few poses and crosses, for a quick look")
     parser.add_argument("--figures", type=pathlib.Path, default=pathlib.Path("figures"))
     args = parser.parse_args(argv)
     matplotlib.use("Agg")
     jax.config.update("jax_enable_x64", True)
 
+    samples, most = (256, 3) if args.small else (2048, 8)
     robot = js.NavaroII.prototype()
-    low, high, poses = needed(robot)
+    low, high, poses = needed(robot, samples)
     known = 20 * np.sqrt(3) - 25, 25 + 10 * np.sqrt(30)
     print(f"stroke needed: {low:.6f} to {high:.6f}; [NAV19 eqs. 13-26]: {known[0]:.6f} to {known[1]:.6f}")
     print(f"off by {abs(low - known[0]):.1e} and {abs(high - known[1]):.1e}")
@@ -91,8 +94,8 @@ def main(argv=None):
         x, y, alpha = np.asarray(pose)
         print(f"  the {name} length is needed at ({x:.2f}, {y:.2f}), {np.rad2deg(alpha):.1f} deg")
     print("scissors for the stroke that the paper takes, 9 to 80:")
-    table((9.0, 80.0), 8)
-    draw(robot, poses, (9.0, 80.0), args.figures)
+    table((9.0, 80.0), most)
+    draw(robot, poses, (9.0, 80.0), most, args.figures)
     print(f"figures in {args.figures}/")
 
 

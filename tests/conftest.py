@@ -1,5 +1,6 @@
 """Settings of all tests, and the one table of robots that every contract test runs over."""
 
+import gc
 import os
 import pathlib
 from functools import partial
@@ -60,17 +61,20 @@ ROBOTS = {
     "tse_clockwise": tse_clockwise,
     **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (1, 8)},
     "tri_scott": js.TriScott.prototype,
-    "micabo": js.Micabo.prototype,
     "tri_scott_skewed": tri_scott_skewed,
     "stewart_gough": js.StewartGough.prototype,
-    "planar_3rpr": Planar3RPR.example,
     "three_prs": ThreePRS.example,
     "linear_delta": LinearDelta.example,
 }
 
 
-MORE = {f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (3, 6)}  # by ``-m exhaustive``
-KINDS = ("tse_prototype", "navaro_mode_8", "tri_scott", "stewart_gough", "three_prs")  # of legs, and one bound pose
+MORE = {  # by ``-m exhaustive``
+    **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (3, 6)},
+    "micabo": js.Micabo.prototype,
+    "planar_3rpr": Planar3RPR.example,
+}
+ALL = ROBOTS | MORE
+KINDS = ("tse_prototype", "navaro_mode_8", "stewart_gough", "three_prs")  # of legs, and one bound pose
 GROUPS = {"tse_clockwise": "tse_prototype", "tri_scott_skewed": "tri_scott"}  # robots of the same shapes
 
 
@@ -83,15 +87,18 @@ def _params(names, rest):
 @pytest.fixture(scope="module", params=_params(ROBOTS, MORE))
 def robot(request):
     """Each robot of the table in turn; one worker runs all tests of robots of one shape, and compiles them once."""
-    return (ROBOTS | MORE)[request.param]()
+    yield ALL[request.param]()
+    forget_programs()
 
 
-@pytest.fixture(scope="module", params=_params(KINDS, [name for name in ROBOTS | MORE if name not in KINDS]))
+@pytest.fixture(scope="module", params=_params(KINDS, [name for name in ALL if name not in KINDS]))
 def robot_of_a_kind(request):
     """One robot per kind of leg, and one whose pose is bound; the others are left to the exhaustive tests."""
-    return (ROBOTS | MORE)[request.param]()
+    yield ALL[request.param]()
+    forget_programs()
 
 
+@pytest.hookimpl(tryfirst=True)  # before the groups are read
 def pytest_collection_modifyitems(items):
     """Tests of one file run in one process, which compiles what they share once."""
     for item in items:
@@ -99,13 +106,18 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
 
 
+def forget_programs():
+    """Forget all compiled programs once they fill two gigabytes."""
+    statm = pathlib.Path("/proc/self/statm")
+    if statm.exists() and int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > 2 * 2**30:
+        jax.clear_caches()
+        gc.collect()
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs():
-    """A process may map only so many pages, and every compiled program maps some."""
     yield
-    maps = pathlib.Path("/proc/self/maps")
-    if maps.exists() and len(maps.read_bytes().splitlines()) > 40_000:
-        jax.clear_caches()
+    forget_programs()
 
 
 @pytest.fixture

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS, exhaustive
+from tests.conftest import ALL, exhaustive
 
 
 @pytest.mark.parametrize("name", ["tse_prototype", "three_prs", *exhaustive("navaro_mode_1", "tri_scott_skewed")])
 def test_shares_add_up_to_what_is_out_of_reach(name):
-    robot = ROBOTS[name]()
+    robot = ALL[name]()
     home = np.asarray(robot.home()[0])
     reach = np.where(np.arange(len(home)) < robot.space.translations, 0.5 * float(robot.length), 0.3)
     sample = js.Box(home - reach, home + reach).quasi_random(700)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS, exhaustive
+from tests.conftest import ALL, exhaustive
 from tests.toys import ThreePRS
 
 along = jax.jit(jax.vmap(js.clearance_along, (None, None, 0)))
@@ -58,7 +58,7 @@ def test_a_scott_linkage_reaches_as_far_as_its_link_is_long():
 
 @pytest.fixture(scope="module", params=["navaro_mode_8", *exhaustive("tse_prototype")])
 def case(request):
-    robot = ROBOTS[request.param]()
+    robot = ALL[request.param]()
     pose = robot.home()[0]
     return robot, pose, js.clearance(robot, pose)
 

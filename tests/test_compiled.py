@@ -11,7 +11,7 @@ import pytest
 
 import jaxscissor as js
 from tests.calls import calls_of
-from tests.conftest import MORE, ROBOTS
+from tests.conftest import ALL
 from tests.test_contract import forward
 
 # instructions of the optimized program that ``jax.jit`` makes, for the TSE; what was measured, and five per cent
@@ -70,7 +70,7 @@ def test_building_a_robot_compiles_two_programs_at_most():
 
 def test_every_function_of_a_robot_is_called_here():
     names = {name for name, thing in vars(js).items() if inspect.isfunction(thing) and _takes_a_robot(thing)}
-    called = {name for robot in SMALL for name in calls_of(ROBOTS[robot]())}
+    called = {name for robot in SMALL for name in calls_of(ALL[robot]())}
     assert len(names) > 30 and names <= called
 
 
@@ -83,14 +83,14 @@ def moved(robot):
     return jax.tree.map(lambda leaf: leaf * (1 + 1e-4), robot)
 
 
-REST = [name for name in ROBOTS | MORE if name not in SMALL]
+REST = [name for name in ALL if name not in SMALL]
 
 
 @pytest.mark.parametrize("name", [*SMALL, *(pytest.param(name, marks=pytest.mark.exhaustive) for name in REST)])
 def test_no_public_function_compiles_anything_at_its_second_call(name, compiled):
-    robot = (ROBOTS | MORE)[name]()
+    robot = ALL[name]()
     calls, again = calls_of(robot), calls_of(moved(robot))
-    for function in set(calls) - (set(calls_of(ROBOTS[SMALL[0]]())) if name == SMALL[1] else set()):
+    for function in sorted(set(calls) - (set(calls_of(ALL[SMALL[0]]())) if name == SMALL[1] else set())):
         jax.block_until_ready(calls[function]())
         compiled.clear()
         jax.block_until_ready(again[function]())

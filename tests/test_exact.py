@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS, exhaustive
+from tests.conftest import ALL, exhaustive
 from tests.toys import LinearDelta
 
 RAYS = 4096
@@ -101,7 +101,7 @@ def region_of(name, robot):
 
 
 def test_designs_measured_together_and_each_alone_agree():
-    robot = ROBOTS["three_prs"]()
+    robot = ALL["three_prs"]()
     measure = partial(js.exact_workspace_fraction, region=region_of("three_prs", robot), rays=256, axes=(2,), cells=48)
     designs = jax.tree.map(lambda leaf: leaf * jnp.linspace(0.99, 1.01, 5), robot)
     alone = [measure(jax.tree.map(lambda leaf, i=i: leaf[i], designs)) for i in range(5)]
@@ -110,7 +110,7 @@ def test_designs_measured_together_and_each_alone_agree():
 
 @pytest.mark.parametrize("name", ["tse_prototype", "three_prs", *exhaustive("stewart_gough", "tri_scott_skewed")])
 def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
-    robot, axis = ROBOTS[name](), REGIONS[name][1]
+    robot, axis = ALL[name](), REGIONS[name][1]
     region = region_of(name, robot)
     way = jax.tree.map(lambda leaf: jnp.where(jnp.isfinite(leaf), leaf, 0) * rng.normal(size=leaf.shape), robot)
     steps = 2e-6 * jnp.array([0.0, 1.0, -1.0, 0.5, -0.5])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import ROBOTS, exhaustive
+from tests.conftest import ALL, exhaustive
 from tests.toys import Planar3RPR
 
 
@@ -124,7 +124,7 @@ def near_home(robot, count):
 @pytest.mark.parametrize("name", ["stewart_gough", "three_prs", *exhaustive("tse_prototype", "tri_scott", "micabo")])
 def test_metrics_of_every_robot_agree_with_plain_loops_and_differences(name, rng):
     # a little off symmetry, at which the extremes of several legs coincide and have kinks
-    robot = jax.tree.map(lambda leaf: leaf * (1 + 0.01 * rng.normal(size=leaf.shape)), ROBOTS[name]())
+    robot = jax.tree.map(lambda leaf: leaf * (1 + 0.01 * rng.normal(size=leaf.shape)), ALL[name]())
     sample = near_home(robot, 60)
     way = jax.tree.map(lambda leaf: jnp.where(jnp.isfinite(leaf), leaf, 0) * rng.normal(size=leaf.shape), robot)
     steps = 1e-6 * jnp.array([0.0, 1.0, -1.0])
