@@ -75,35 +75,20 @@ MORE = {  # by ``-m exhaustive``
 }
 ALL = ROBOTS | MORE
 KINDS = ("tse_prototype", "navaro_mode_8", "stewart_gough", "three_prs")  # of legs, and one bound pose
-GROUPS = {"tse_clockwise": "tse_prototype", "tri_scott_skewed": "tri_scott"}  # robots of the same shapes
 
 
-def _params(names, rest):
-    marks = {name: pytest.mark.xdist_group(GROUPS.get(name, name)) for name in (*names, *rest)}
-    chosen = [pytest.param(name, marks=marks[name]) for name in names]
-    return chosen + [pytest.param(name, marks=[marks[name], pytest.mark.exhaustive]) for name in rest]
-
-
-@pytest.fixture(scope="module", params=_params(ROBOTS, MORE))
+@pytest.fixture(scope="module", params=[*ROBOTS, *exhaustive(*MORE)])
 def robot(request):
-    """Each robot of the table in turn; one worker runs all tests of robots of one shape, and compiles them once."""
+    """Each robot of the table in turn, all its tests one after the other."""
     yield ALL[request.param]()
     forget_programs()
 
 
-@pytest.fixture(scope="module", params=_params(KINDS, [name for name in ALL if name not in KINDS]))
+@pytest.fixture(scope="module", params=[*KINDS, *exhaustive(*(name for name in ALL if name not in KINDS))])
 def robot_of_a_kind(request):
     """One robot per kind of leg, and one whose pose is bound; the others are left to the exhaustive tests."""
     yield ALL[request.param]()
     forget_programs()
-
-
-@pytest.hookimpl(tryfirst=True)  # before the groups are read
-def pytest_collection_modifyitems(items):
-    """Tests of one file run in one process, which compiles what they share once."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
 
 
 def forget_programs():
