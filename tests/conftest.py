@@ -92,9 +92,9 @@ def robot_of_a_kind(request):
 
 
 def forget_programs():
-    """Forget all compiled programs once they fill two gigabytes."""
+    """Forget all compiled programs once they fill three gigabytes."""
     statm = pathlib.Path("/proc/self/statm")
-    if statm.exists() and int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > 2 * 2**30:
+    if statm.exists() and int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > 3 * 2**30:
         jax.clear_caches()
         gc.collect()
 

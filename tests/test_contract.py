@@ -12,7 +12,7 @@ import pytest
 
 import jaxscissor as js
 from jaxscissor.mechanisms._contract import join_joints, legs_of, split_joints
-from tests.conftest import as_users
+from tests.conftest import ALL, as_users, exhaustive
 from tests.toys import Planar3RPR
 
 DIFFERENCE = 1e-6
@@ -196,8 +196,10 @@ def test_float32_stays_float32_and_agrees_with_float64(robot, rng):
     assert close(inverse.value, js.inverse_kinematics(*double[:2]).value, 2e-3) and close(ahead.value, double[1], 2e-3)
 
 
-def test_derivatives_in_float32_agree_with_float64(robot_of_a_kind, rng):
-    robot, joints = robot_of_a_kind, shaken_joints(robot_of_a_kind, rng)[0]
+@pytest.mark.parametrize("name", ["navaro_mode_8", *exhaustive(*(name for name in ALL if name != "navaro_mode_8"))])
+def test_derivatives_in_float32_agree_with_float64(name, rng):
+    robot = ALL[name]()
+    joints = shaken_joints(robot, rng)[0]
     single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), (robot, joints))
     for derivative in (forward_mode, reverse_mode):
         for one, expected in zip(derivative(*single), derivative(robot, joints), strict=True):
