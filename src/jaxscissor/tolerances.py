@@ -189,11 +189,11 @@ def sample_pose_errors(
 
     Example:
       >>> import jax, jaxscissor as js
-      >>> robot = js.TripleScissorExtender.prototype()
-      >>> made = js.tolerances(robot, link_lengths=1e-3, top_radius=1e-3)
+      >>> robot = js.NavaroII.prototype()
+      >>> made = js.tolerances(robot, base=0.01, platform=0.01)
       >>> drawn = js.sample_pose_errors(robot, robot.home()[0], made, jax.random.key(0), 100)
       >>> drawn.errors.shape, int((drawn.status == js.Status.CONVERGED).sum())
-      ((100, 6), 100)
+      ((100, 3), 100)
     """
     if samples < 1:
         raise ValueError(f"Got samples={samples}; expected at least one.")
