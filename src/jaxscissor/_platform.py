@@ -48,8 +48,8 @@ def assemble(
 ) -> tuple[State, Scalar, Scalar]:
     """Newton's method from a state, stepping on the rotation group: state, residual and number of steps."""
     args = (robot, legs_of(robot), actuated)
-    steps = {"retract": _stepping(robot, robot.space.retract), "nudge": _stepping(robot, robot.space.nudge)}
-    return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, **steps)
+    retract, nudge = (_stepping(robot, step) for step in (robot.space.retract, robot.space.nudge))
+    return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=retract, nudge=nudge)
 
 
 def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:

@@ -272,7 +272,7 @@ def _programs(
         robot = build(between(unit, low, high))
         return jnp.asarray(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
 
-    def screen(units, numbers, size=batch_size, together=_TOGETHER):
+    def screen(units: Any, numbers: Any, size: int | None = batch_size, together: int | None = _TOGETHER):
         def one(unit):
             objective, slack = evaluate(unit, (), (numbers, jnp.uint32(0)), size)
             short = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), initial=ALLOWED)

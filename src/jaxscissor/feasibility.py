@@ -169,7 +169,7 @@ def margins(robot: Mechanism, pose: Any) -> jax.Array:
     robot, pose = checked_pose(robot, pose)
     placed = place(robot, pose)
     cases = list(zip(placed.attachments, home_modes(robot, placed), strict=True))
-    found = over_legs(lambda leg, case: _leg_margins(leg, *case, True)[0], robot.legs(), cases)
+    found = over_legs(lambda leg, case: _leg_margins(leg, case[0], case[1], True)[0], robot.legs(), cases)
     return jnp.where(placed.finite, jnp.stack([jnp.stack(margins) for margins in found]), -jnp.inf)
 
 
