@@ -18,7 +18,7 @@ import time
 
 from benchmarks.report import RESULTS
 
-ROUNDS = 3  # of which the least counts
+ROUNDS = 2  # of which the least counts
 LATER = 20  # calls whose median counts
 SLACK = 1.02  # instructions may grow by this factor: other versions of XLA differ by some
 STORED = RESULTS / "startup.json"
