@@ -211,3 +211,18 @@ def test_assembly_modes_have_the_implicit_derivative():
 def test_joints_wider_than_the_scissor_have_no_assembly(prototype):
     wide = jnp.full(6, 1.1 * float(prototype.link_lengths[0]) / np.cos(np.pi / 6))
     assert int(js.forward_kinematics_all(prototype, wide).count) == 0
+
+
+def test_forward_kinematics_says_whether_it_kept_the_assembly_mode_of_its_guess(rng):
+    """Between singularities a mode is named by the sign of the type-2 measure."""
+    robot = js.NavaroII.prototype(8)
+    low, high = np.array([-20.0, -40.0, -3.0]), np.array([110.0, 90.0, 3.0])
+    poses, guesses = (jnp.asarray(rng.uniform(low, high, (300, 3))) for _ in range(2))
+    lengths = inverse_batch(robot, poses).value[:, 1::2]
+    found = jax.jit(jax.vmap(lambda q, guess: js.forward_kinematics(robot, q, guess=guess)))(lengths, guesses)
+    ended, begun = (jax.vmap(lambda pose: js.singularity(robot, pose).type2)(each) for each in (found.value, guesses))
+    closed = np.asarray(found.residual_norm < 1e-12)
+    same = np.sign(ended) == np.sign(begun)
+    assert closed.sum() > 150 and same[closed].sum() > 50 and (~same)[closed].sum() > 50
+    expected = np.where(same, js.Status.CONVERGED, js.Status.OTHER_MODE)
+    assert (np.asarray(found.status) == expected)[closed].all()

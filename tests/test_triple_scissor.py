@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import pathlib
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ import pytest
 
 import jaxscissor as js
 from jaxscissor.jacobians import leg_jacobian
-from jaxscissor.mechanisms._contract import legs_of
+from jaxscissor.mechanisms._contract import legs_of, split_joints
 from tests.conftest import as_users, exhaustive
 from tests.oracles import apices, continue_from_home, quartic_joints
 
@@ -113,6 +114,30 @@ def test_all_working_modes_are_the_real_roots_of_the_quartic(ratios, random_pose
         distance = np.abs(np.asarray(modes.values[:, i])[:, :, None] - joints[:, None]).max(axis=-1)
         distance = np.where(real[:, None, :], distance, np.inf).min(axis=-1)
         assert np.where(modes.valid[:, i], distance, 0).max() < 1e-7
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(None, 0, 0))
+def solve_from(robot, pose, guess):
+    """Inverse kinematics from a guess, and the legs' modes in the end and at first."""
+    solution = js.inverse_kinematics(robot, pose, guess=guess)
+    seen = list(zip(legs_of(robot), robot.attachments(*js.SE3.place(pose)), strict=True))
+    modes = [
+        jnp.stack(
+            [leg.mode(q, attachment) for (leg, attachment), q in zip(seen, split_joints(robot, joints), strict=True)]
+        )
+        for joints in (solution.value, guess)
+    ]
+    return solution, *modes
+
+
+def test_a_guess_chooses_the_working_mode_and_its_loss_is_told(prototype, rng):
+    poses = prototype.home()[0][None] + jnp.asarray(rng.uniform(-0.1, 0.1, (500, 6)))
+    solution, ended, begun = solve_from(prototype, poses, jnp.asarray(rng.uniform(-0.6, 0.8, (500, 6))))
+    closed = np.asarray(solution.residual_norm < 1e-12)
+    same = np.asarray(ended == begun).all(axis=1)
+    assert (closed & same).sum() > 20 and (closed & ~same).sum() > 20
+    assert (np.asarray(solution.converged) == same)[closed].all()
 
 
 @pytest.mark.parametrize("eta", [0.0, 0.5, -0.5])
