@@ -71,7 +71,7 @@ def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> S
         return value + _PENALTY / 2 * jnp.sum(short**2).astype(value.dtype), (value, slack)
 
     @jax.jit
-    @partial(jax.vmap, in_axes=(0, 0, None, None))
+    @partial(of_each_start, in_axes=(0, 0, None, None))
     def step(descent, own, shared, raises):
         unit, multipliers = descent.units, descent.multipliers
         merit = partial(lagrangian, multipliers=multipliers, own=own, shared=shared)
@@ -91,6 +91,19 @@ def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> S
         return moved, Sight(value, violation, raised, gradient)
 
     return step
+
+
+def of_each_start(function: Callable[..., Any], in_axes: tuple[int | None, ...]) -> Callable[..., Any]:
+    """As ``jax.vmap``, but a single start is not batched: that would be one more level of tracing."""
+
+    def call(*args: Any) -> Any:
+        pairs = list(zip(args, in_axes, strict=True))
+        if {leaf.shape[0] for arg, axis in pairs if axis == 0 for leaf in jax.tree.leaves(arg)} != {1}:
+            return jax.vmap(function, in_axes)(*args)
+        alone = [jax.tree.map(lambda leaf: leaf[0], arg) if axis == 0 else arg for arg, axis in pairs]
+        return jax.tree.map(lambda leaf: leaf[None], function(*alone))
+
+    return call
 
 
 def begun(units: Any, own: Any, shared: Any, *, optimizer: Any, evaluate: Evaluate) -> Descent:

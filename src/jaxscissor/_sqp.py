@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from jaxscissor._descent import Evaluate, Seen, Sight, Step
+from jaxscissor._descent import Evaluate, Seen, Sight, Step, of_each_start
 from jaxscissor._pytree import pytree
 
 _WEIGHT = 10.0  # of a violation in the merit at first; more than the price of any constraint
@@ -70,7 +70,7 @@ def sqp_stepper(evaluate: Evaluate) -> Step:
 
             return jax.jacfwd(both, has_aux=True)(flat)
 
-        return jax.vmap(one)(units, own)
+        return of_each_start(one, (0, 0))(units, own)
 
     def step(state: Program, own, shared, raises):
         (slope, rows), (value, slack) = jax.tree.map(np.asarray, seen(state.units, own, shared))
