@@ -11,7 +11,7 @@ import pytest
 
 import jaxscissor as js
 from tests.calls import calls_of
-from tests.conftest import ALL
+from tests.conftest import ALL, as_users
 from tests.test_contract import forward
 
 # instructions of the optimized program that ``jax.jit`` makes, for the TSE; what was measured, and five per cent
@@ -110,7 +110,7 @@ def test_sizes_are_no_part_of_a_program(prototype, compiled):
 
 
 def instructions(function, *arguments):
-    text = jax.jit(function).lower(*arguments).compile().as_text()
+    text = as_users(function).lower(*arguments).compile().as_text()
     return len(re.findall(r"^\s+(?:ROOT )?%?[\w.\-]+ = ", text, re.MULTILINE))
 
 
