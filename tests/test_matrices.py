@@ -38,15 +38,17 @@ def test_systems_are_those_of_numpy(size, rng):
 @pytest.mark.parametrize("size", [2, 3, 4, 6, 7])
 def test_what_is_singular_to_rounding_gives_zero_whatever_the_unit(size, rng):
     solve = jax.jit(jax.vmap(lambda rows, rhs: _matrices.solve_regular(rows_of(rows), list(rhs), True)))
-    regular, rhs = rng.normal(size=(500, size, size)), rng.normal(size=(500, size))
-    left, right = (np.linalg.qr(rng.normal(size=(500, size, size)))[0] for _ in range(2))
+    regular, rhs = rng.normal(size=(5000, size, size)), rng.normal(size=(5000, size))
+    left, right = (np.linalg.qr(rng.normal(size=(5000, size, size)))[0] for _ in range(2))
     sizes = np.append(rng.uniform(0.5, 1, size - 1), 0)  # else well conditioned, so that rounding is all that is left
     singular = left * sizes @ right
+    rows, columns = 10 ** rng.uniform(-6, 6, (5000, size, 1)), 10 ** rng.uniform(-6, 6, (5000, 1, size))
+    assert not np.asarray(solve(rows * singular * columns, rhs)[1]).any()
+    assert np.asarray(solve(rows * regular * columns, rhs)[1]).all()
     for unit in (1e-9, 1.0, 1e9):
         solution, ok = solve(unit * singular, rhs)
-        missed = np.asarray(ok)
-        assert missed.mean() < (0.01 if size > 3 else 1e-9), "above 3 x 3 the pivots miss four in a thousand"
-        assert not np.stack(solution, axis=1)[~missed].any()
+        assert not np.asarray(ok).any()
+        assert not np.stack(solution, axis=1).any()
         solution, ok = solve(unit * regular, rhs)
         assert np.asarray(ok).all()
         assert np.allclose(unit * np.stack(solution, axis=1), np.linalg.solve(regular, rhs[..., None])[..., 0], 1e-9)

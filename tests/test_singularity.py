@@ -259,3 +259,32 @@ def test_measures_of_what_cannot_be_solved_carry_the_status(prototype):
     measures = js.singularity(prototype, [0.0, 0.0, 5.0, 0.0, 0.0, 0.0])
     assert measures.status == js.Status.NO_SOLUTION and bool(jnp.isnan(measures.type2))
     assert js.singularity(prototype, np.full(6, np.nan)).status == js.Status.NONFINITE
+
+
+def hexagon(radius):
+    angles = np.radians(np.arange(0, 360, 60))
+    return np.stack([radius * np.cos(angles), radius * np.sin(angles), 0 * angles], axis=1)
+
+
+LOOSE = {
+    "Gough-Stewart yawed by 90 deg": (js.StewartGough.prototype, lambda home: home.at[5].set(np.pi / 2)),
+    "NaVARo II, mode 8, not turned": (lambda: js.NavaroII.prototype(8), lambda home: jnp.array([45.0, 26.0, 0.0])),
+    "similar hexagons": (
+        lambda: js.StewartGough(hexagon(0.12), hexagon(0.1), (0.15, 0.25)),
+        lambda home: home + jnp.array([0.01, -0.02, 0.01, 0.1, -0.2, 0.1]),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LOOSE)
+def test_a_derivative_that_does_not_exist_is_zero(case):
+    """The platform moves while the actuators rest; the derivative of forward kinematics was 1e15 and more."""
+    build, moved = LOOSE[case]
+    robot = build()
+    pose = moved(robot.home()[0])
+    actuated = robot.actuated(js.inverse_kinematics(robot, pose).value)
+
+    def placed(q):
+        return js.forward_kinematics(robot, q, guess=pose).value
+
+    assert not np.asarray(jax.jacfwd(placed)(actuated)).any()
