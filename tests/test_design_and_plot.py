@@ -263,6 +263,34 @@ def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(optimizer, 
         )
 
 
+def test_a_checkpoint_is_of_one_optimization_only(tmp_path):
+    """Each was once resumed as the other: their parameters, first objective and kinds of optimizer state are alike."""
+    path = tmp_path / "design.npz"
+
+    def tuned(slope=1.0, rate=0.01, step=1.0, **options):
+        return js.optimize_design(
+            lambda x: slope * (x - 0.3) ** 2 - slope * 0.04,
+            0.5,
+            bounds=(0.0, 2.0),
+            constraints=[lambda x: step * x + 0.5 * (1 - step)],
+            steps=10,
+            optimizer=optax.adam(rate),
+            **options,
+        )
+
+    first = tuned(checkpoint=path)
+    assert float(tuned(checkpoint=path).params) == float(first.params) == float(tuned().params)
+    others = {
+        "objective": {"slope": -1.0},
+        "optimizer": {"rate": 0.3},
+        "constraints|objective": {"step": 0.5},
+        "settings": {"seed": 1},
+    }
+    for name, other in others.items():
+        with pytest.raises(ValueError, match=f"a job with another .*({name})"):
+            tuned(**other, checkpoint=path)
+
+
 def test_a_certificate_compares_on_what_the_tuning_did_not_see():
     result = js.optimize_design(valley, jnp.array([-0.8, 0.9]), bounds=(-jnp.ones(2), jnp.ones(2)), steps=50)
     seen = result.certify(lambda p: jnp.abs(p[0] - 1), [lambda p: p - 0.5, lambda p: 2 - p[1]])

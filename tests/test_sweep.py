@@ -1,6 +1,7 @@
 """Sums over a mesh of devices, over processes, and over jobs that are stopped and resumed."""
 
 import json
+import os
 import pathlib
 import re
 import signal
@@ -15,6 +16,8 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from jaxscissor import _checkpoint
+from tests import toys
 from tests.conftest import exhaustive
 from tests.toys import Planar3RPR
 
@@ -147,10 +150,72 @@ def test_a_checkpoint_is_of_one_job_only(tmp_path):
             other()
     with pytest.raises(ValueError, match="inside jit or vmap"):
         jax.jit(partial(js.workspace_fraction, poses=SAMPLE, checkpoint=path))(robot)
-    for content in (b"", b"notes", path.read_bytes()[:100]):
-        path.write_bytes(content)
+
+
+def test_the_same_numbers_in_another_robot_are_another_job(tmp_path):
+    """Neither the class's short name nor the arrays tell them apart, only what is computed."""
+
+    def named_alike(reach):
+        class Planar3RPR(toys.Planar3RPR):
+            def attachments(self, position, rotation):
+                return [point * reach for point in super().attachments(position, rotation)]
+
+        return js.pytree(Planar3RPR)(*jax.tree.leaves(toys.Planar3RPR.example()))
+
+    path = tmp_path / "job.npz"
+    js.workspace_fraction(named_alike(1.0), SAMPLE, checkpoint=path)
+    with pytest.raises(ValueError, match=r"a job with another .*function"):
+        js.workspace_fraction(named_alike(1.1), SAMPLE, checkpoint=path)
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path, rng):
+    robot, path = Planar3RPR.example(), tmp_path / "job.npz"
+
+    def resume():
+        return js.workspace_fraction(robot, SAMPLE, checkpoint=path)
+
+    expected, good = float(resume()), path.read_bytes()
+    content = dict(np.load(path))
+    changes = [{"done": np.int64(-5)}, {"total_0": np.float64(3.5)}, {"total_0": np.zeros((3, 2), np.uint32)}]
+    for change in changes:
+        np.savez(path, **{**content, **change})
+        with pytest.raises(ValueError, match="content was changed"):
+            resume()
+    for name in content:
+        np.savez(path, **{key: value for key, value in content.items() if key != name})
+        with pytest.raises(ValueError, match=r"content was changed|another"):
+            resume()
+    for raw in (b"", b"notes", good[:100]):
+        path.write_bytes(raw)
         with pytest.raises(ValueError, match="no checkpoint"):
-            js.workspace_fraction(robot, SAMPLE, checkpoint=path)
+            resume()
+    for place in rng.integers(0, len(good), 100):
+        flipped = bytearray(good)
+        flipped[place] ^= 1 << rng.integers(8)
+        path.write_bytes(flipped)
+        try:
+            assert float(resume()) == expected  # a bit that nobody reads
+        except ValueError as error:
+            assert "checkpoint" in str(error)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(ValueError, match="no checkpoint"):
+        resume()
+
+
+def test_two_processes_on_one_checkpoint_both_end(tmp_path, monkeypatch):
+    """The other one saves after this one has written its file, and before it puts it in place."""
+    path, replace = str(tmp_path / "job.npz"), os.replace
+
+    def meanwhile(source, target):
+        monkeypatch.setattr(os, "replace", replace)
+        _checkpoint.save(path, {"job": 1}, 7, np.float64(0.7))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", meanwhile)
+    _checkpoint.save(path, {"job": 1}, 3, np.float64(0.3))
+    assert _checkpoint.restore(path, {"job": 1}, np.float64(0)) == (3, 0.3)
+    assert os.listdir(tmp_path) == ["job.npz"]
 
 
 def test_a_checkpoint_resumes_on_another_number_of_devices(tmp_path, mesh):

@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jax.sharding import Mesh, PartitionSpec
 
 from jaxscissor._batching import CHUNK
-from jaxscissor._checkpoint import restore, save
+from jaxscissor._checkpoint import restore, save, traced
 from jaxscissor._progress import progress
 
 _BLOCK = 64  # chunks of each device between two steps of the progress bar
@@ -58,9 +58,11 @@ def add_up(add: Callable[..., Any], settings: Any, plan: Plan, totals: Any, job:
         if plan.checkpoint is not None:
             raise ValueError("Got a checkpoint inside jit or vmap; only a call with numbers can be saved and resumed.")
         return block(jnp.int32(0), jnp.int32(chunks))
-    identity = job | {"function": str((add.__name__, settings)), "size": size, "chunk": plan.chunk}
-    first = 0
+    first, identity = 0, {}
     if plan.checkpoint is not None:
+        numbers = jnp.zeros(plan.chunk, jnp.uint32)
+        program = traced(partial(add, settings), totals, numbers, numbers == 0, **job)
+        identity = job | {"function": (program, str(settings)), "size": size, "chunk": plan.chunk}
         first, totals = restore(plan.checkpoint, identity, totals)
     step = _BLOCK * (plan.mesh.size if plan.mesh else 1)
     for start in progress(range(first, chunks, step), "workspace", "block"):

@@ -14,11 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._checkpoint import restore, save
+from jaxscissor._checkpoint import qualified_name, restore, save, traced
 from jaxscissor._descent import (
     ALLOWED,
     PERIOD,
     Descent,
+    Evaluate,
     Seen,
     Sight,
     Step,
@@ -228,7 +229,17 @@ def optimize_design(
     def step(state, number, raises):
         return programs.step(state, (), (numbers, jnp.uint32(number)), raises)
 
-    run = _run(step, state, steps, tolerance, checkpoint, (params, low, high, seed, batch_size))
+    job = {}
+    if checkpoint is not None:
+        job = {
+            "parameters": (params, low, high),
+            "poses": poses,
+            "settings": str((steps, starts, seed, batch_size, tolerance)),
+            "objective": (qualified_name(objective), qualified_name(build), _traced(programs, units, numbers)),
+            "constraints": list(map(qualified_name, constraints)),
+            "optimizer": optimizer and traced(step, state, 0, False),
+        }
+    run = _run(step, state, steps, tolerance, checkpoint, job)
     sight = step(dataclasses.replace(run.state, units=run.state.best.units), 0, False)[1]
     best, sight = jax.tree.map(jnp.asarray, (run.state.best, sight))
     started = run.log[0][0, 0], run.log[1][0, 0]
@@ -254,6 +265,7 @@ def optimize_design(
 class _Programs(NamedTuple):
     """The compiled functions of an optimization; bounds and poses are their arguments."""
 
+    evaluate: Evaluate
     step: Step
     begin: Callable[..., Any]  # (units, own, shared) -> the state before the first step
     screen: Callable[..., Any]  # (units, numbers) -> objectives over the first batch, violations
@@ -287,7 +299,13 @@ def _programs(
         step = stepper(evaluate, optimizer, comparable=batch_size is None)
         begin = partial(begun, optimizer=optimizer, evaluate=evaluate)
     judge = jax.jit(partial(screen, size=None, together=None))
-    return _Programs(step, begin, jax.jit(screen), judge, jax.jit(build))
+    return _Programs(evaluate, step, begin, jax.jit(screen), judge, jax.jit(build))
+
+
+def _traced(programs: _Programs, units: Any, numbers: Any) -> Any:
+    """What objective and constraints compute."""
+    unit = jax.tree.map(lambda leaf: leaf[0], units)
+    return traced(programs.evaluate, unit, (), (numbers, jnp.uint32(0)))
 
 
 def _screened(programs: _Programs, numbers: Any, given: Any, starts: int, seed: int) -> Any:
@@ -308,19 +326,13 @@ class _Run(NamedTuple):
     reason: StopReason
 
 
-def _run(step: Callable[..., Any], state: Descent, steps: int, tolerance: Any, checkpoint: Any, settings: Any) -> _Run:
+def _run(
+    step: Callable[..., Any], state: Descent, steps: int, tolerance: Any, checkpoint: Any, job: dict[str, Any]
+) -> _Run:
     """All steps, or those that a checkpoint lacks."""
     log = _empty_log(steps + 1, state)
-    done, job, path = 0, {}, None if checkpoint is None else os.fspath(checkpoint)
+    done, path = 0, None if checkpoint is None else os.fspath(checkpoint)
     if path is not None:
-        seen = step(state, 0, False)[1]
-        kind = jax.tree.map(lambda leaf: np.zeros(np.shape(leaf)), state)
-        job = {
-            "parameters": settings,
-            "objective": (seen.objective, seen.violation),
-            "optimizer": kind,
-            "steps": steps,
-        }
         done, (state, saved) = restore(path, job, (state, log))
         log = tuple(np.array(column) for column in saved)
     numbers = range(done, steps + 1)
