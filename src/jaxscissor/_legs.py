@@ -49,13 +49,14 @@ def solve_leg(
     """Solve one leg in the mode with its home's label, or in the guess's if a guess is given."""
     args = (leg, attachment)
     start, reach = leg.start(attachment) if guess is None else (guess, None)
+    reach = fence(reach)  # it decides more than once, and evaluated anew it may round to the other side of zero
     active = jnp.asarray(True) if reach is None else lax.stop_gradient(reach) >= 0
     root, error, steps = newton(leg_residual, start, args, tol=tol, max_steps=max_steps, active=active)
     converged = active & (error <= tol)
     root = implicit(leg_residual, root, converged, args)
     if reach is None:
         wanted = home if guess is None else leg.mode(guess, attachment)
-        solved = converged & (leg.mode(root, attachment) == wanted)
+        solved = fence(converged & (leg.mode(root, attachment) == wanted))
     else:
         solved = converged
     return LegResult(root, start, solved, converged, reach, error, steps)

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._distinct import distinct
-from jaxscissor._legs import closest_joints, place
+from jaxscissor._fence import fence
+from jaxscissor._legs import MAX_STEPS, LegResult, closest_joints, place, solve_legs
 from jaxscissor._newton import norm
 from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._platform import State, all_joints, assemble, differentiable_pose, state_at
@@ -55,20 +56,35 @@ def inverse_kinematics_all(robot: Mechanism, pose: Any) -> WorkingModes:
       [4, 4, 4]
     """
     robot, pose = checked_pose(robot, pose)
-    placed = place(robot, pose)
+    placed, tol = place(robot, pose), default_tol(pose.dtype)
+    homes, _ = solve_legs(robot, placed, None, tol, MAX_STEPS)
     values, valid = [], []
-    for leg, attachment in zip(placed.legs, placed.attachments, strict=True):
+    for leg, attachment, home in zip(placed.legs, placed.attachments, homes, strict=True):
         solutions = leg.solutions(attachment)
         if solutions is None:
             raise ValueError(
                 f"{type(leg).__name__} does not know all its solutions. Give it a method solutions(attachment), or "
                 "use inverse_kinematics with several guesses."
             )
-        tol = default_tol(pose.dtype)
         closed = [norm(leg.residual(joints, attachment)) <= tol for joints in solutions[0]]
-        values.append(jnp.stack([jnp.stack(joints) for joints in solutions[0]]))
-        valid.append(jnp.stack([v & c & placed.finite for v, c in zip(solutions[1], closed, strict=True)]))
+        found = jnp.stack([v & c for v, c in zip(solutions[1], closed, strict=True)])
+        roots, found = _with_home(jnp.stack([jnp.stack(joints) for joints in solutions[0]]), found, home)
+        values.append(roots)
+        valid.append(found & placed.finite)
     return WorkingModes(jnp.stack(values), jnp.stack(valid))
+
+
+def _with_home(roots: jax.Array, found: jax.Array, home: LegResult) -> tuple[jax.Array, jax.Array]:
+    """The roots of a leg, with that of the home mode as inverse kinematics has it where it is decided by the reach.
+
+    Where two modes meet, rounding decides whether the closed form sees both or none.
+    """
+    if home.reach is None:
+        return roots, found
+    root = jnp.stack(home.root)
+    apart = jnp.sum(lax.stop_gradient(roots - root[None]) ** 2, axis=1)
+    own = fence(home.solved & (jnp.arange(len(apart)) == jnp.argmin(apart)))
+    return jnp.where(own[:, None], root[None], roots), found | own
 
 
 @pytree

@@ -91,7 +91,7 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     status = functools.reduce(jnp.maximum, statuses)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
-        off, tol = safe_sqrt(sum(c * c for c in constraints)), default_tol(pose.dtype)
+        off, tol = fence(safe_sqrt(sum(c * c for c in constraints))), default_tol(pose.dtype)
         status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
         margin = jnp.where(off <= tol, margin, smallest([margin, -off]))
     margin = jnp.where(placed.finite, margin, -jnp.inf)
@@ -177,7 +177,8 @@ def _nearest(leg: Any, attachment: Any, result: LegResult) -> tuple[Joints, Scal
     """The home joints, or those of least residual, and the signed distance to the home mode's edge."""
     if result.reach is not None:
         pairs = zip(result.root, result.start, strict=True)
-        return tuple(jnp.where(result.solved, r, s) for r, s in pairs), result.reach
+        outside = jnp.minimum(result.reach, -jnp.finfo(jnp.result_type(result.reach)).tiny)
+        return tuple(jnp.where(result.solved, r, s) for r, s in pairs), jnp.where(result.solved, result.reach, outside)
     args = (leg, attachment)
     closest = least_squares(leg_residual, result.start, args)
     outside = leg.residual(lax.stop_gradient(closest), attachment)
