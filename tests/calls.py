@@ -3,7 +3,6 @@
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import jaxscissor as js
@@ -11,6 +10,10 @@ import jaxscissor as js
 
 def margin(robot, pose):
     return js.feasibility(robot, pose).margin
+
+
+def first(pose):
+    return pose[0]
 
 
 def parabola(x):
@@ -25,11 +28,12 @@ def calls_of(robot):
     """Name -> call; what a robot refuses, such as heights in the plane, is left out."""
     home, joints = robot.home()
     d, linear = robot.space.dimension, robot.space.translations
-    pose = np.asarray(home) + 0.01
+    unit = np.where(np.arange(d) < linear, float(robot.length), 1)
+    pose = np.asarray(home) + unit / 64
     if robot.dependent:
         pose = np.asarray(js.constrained_pose(robot, pose).value)
     actuated, along = np.asarray(robot.actuated(joints)), np.eye(d)[linear - 1]
-    reach = 0.1 * np.where(np.arange(d) < linear, float(robot.length), 1)
+    reach = unit / 8
     low, high = np.asarray(home) - reach, np.asarray(home) + reach
     box = js.Box(low, high)
     cube, plane = (js.Box(*(np.where(np.arange(d) < k, end, home) for end in (low, high))) for k in (3, 2))
@@ -37,6 +41,7 @@ def calls_of(robot):
     poses = np.asarray(sample[:])
     modes = js.forward_kinematics_all(robot, actuated, starts=64)
     found = {
+        "check_robot": partial(js.check_robot, robot, poses=16),
         "residual": partial(js.residual, robot, joints, pose),
         "inverse_kinematics": partial(js.inverse_kinematics, robot, pose),
         "forward_kinematics": partial(js.forward_kinematics, robot, actuated),
@@ -51,7 +56,7 @@ def calls_of(robot):
         "singularity": partial(js.singularity, robot, pose),
         "reach_along": partial(js.reach_along, robot, pose, along, cells=8),
         "joint_range": partial(js.joint_range, robot, box, samples=16, starts=2),
-        "minimum_over": partial(js.minimum_over, jnp.sum, box, samples=16, starts=2, steps=4),
+        "minimum_over": partial(js.minimum_over, first, box, samples=16, starts=2, steps=4),
         "worst_case": partial(js.worst_case, margin, robot, sample),
         "mean_case": partial(js.mean_case, margin, robot, sample),
         "task_metrics": partial(js.task_metrics, robot, poses),

@@ -1,5 +1,6 @@
 """Settings of all tests, and the one table of robots that every contract test runs over."""
 
+import dataclasses
 import gc
 import os
 import pathlib
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 import jaxscissor as js
+from jaxscissor._pytree import unchecked
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
 matplotlib.use("Agg")
@@ -77,32 +79,42 @@ ALL = ROBOTS | MORE
 KINDS = ("tse_prototype", "navaro_mode_8", "stewart_gough", "three_prs")  # of legs, and one bound pose
 
 
+def scaled(robot, by):
+    """The robot in another unit of length: all its dimensions but angles times a number."""
+    values = {}
+    for field in dataclasses.fields(robot):
+        value = getattr(robot, field.name)
+        length = field.metadata.get("unit") != "rad" and not field.metadata.get("static")
+        values[field.name] = value * by if length else value
+    return unchecked(type(robot), **values)
+
+
 @pytest.fixture(scope="module", params=[*ROBOTS, *exhaustive(*MORE)])
 def robot(request):
     """Each robot of the table in turn, all its tests one after the other."""
-    yield ALL[request.param]()
-    forget_programs()
+    return ALL[request.param]()
 
 
 @pytest.fixture(scope="module", params=[*KINDS, *exhaustive(*(name for name in ALL if name not in KINDS))])
 def robot_of_a_kind(request):
     """One robot per kind of leg, and one whose pose is bound; the others are left to the exhaustive tests."""
-    yield ALL[request.param]()
-    forget_programs()
+    return ALL[request.param]()
 
 
-def forget_programs():
-    """Forget all compiled programs once they fill three gigabytes."""
-    statm = pathlib.Path("/proc/self/statm")
-    if statm.exists() and int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > 3 * 2**30:
+@pytest.fixture(autouse=True)
+def _forget_programs():
+    """Forget all compiled programs once they fill three gigabytes, or two thirds of the memory maps that Linux allows.
+
+    Every program takes some maps, and a process that has used them up crashes in the compiler.
+    """
+    yield
+    process = pathlib.Path("/proc/self")
+    if not process.exists():
+        return
+    pages, maps = int((process / "statm").read_text().split()[1]), (process / "maps").read_text().count("\n")
+    if pages * os.sysconf("SC_PAGE_SIZE") > 3 * 2**30 or maps > 45_000:
         jax.clear_caches()
         gc.collect()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _forget_programs():
-    yield
-    forget_programs()
 
 
 @pytest.fixture

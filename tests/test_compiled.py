@@ -7,11 +7,12 @@ import subprocess
 import sys
 
 import jax
+import numpy as np
 import pytest
 
 import jaxscissor as js
 from tests.calls import calls_of
-from tests.conftest import ALL, as_users
+from tests.conftest import ALL, as_users, scaled
 from tests.test_contract import forward
 
 # instructions of the optimized program that ``jax.jit`` makes, for the TSE; what was measured, and five per cent
@@ -23,6 +24,7 @@ BUDGETS = {
     "singularity": 10500,
     "soft_workspace_fraction": 11900,
 }
+UNIT = 4096.0
 SMALL = "linear_delta", "navaro_mode_8"  # robots that compile in no time, and have all functions between them
 LARGE = {
     "forward_kinematics_all": 28500,
@@ -78,23 +80,34 @@ def _takes_a_robot(function):
     return {"robot", "robots", "objective", "objectives", "choices"} & set(inspect.signature(function).parameters)
 
 
-def moved(robot):
-    """The robot with other numbers in the same shapes."""
-    return jax.tree.map(lambda leaf: leaf * (1 + 1e-4), robot)
-
-
 REST = [name for name in ALL if name not in SMALL]
 
 
 @pytest.mark.parametrize("name", [*SMALL, *(pytest.param(name, marks=pytest.mark.exhaustive) for name in REST)])
-def test_no_public_function_compiles_anything_at_its_second_call(name, compiled):
+def test_a_call_in_another_unit_compiles_nothing_and_gives_the_same_in_that_unit(name, compiled):
+    """Two laws by the same calls: equal shapes are one program, and no number of a result knows the unit of length.
+
+    The unit is a power of two, so that numbers of one dimension scale without rounding, and searches do the same.
+    """
     robot = ALL[name]()
-    calls, again = calls_of(robot), calls_of(moved(robot))
+    calls, again = calls_of(robot), calls_of(scaled(robot, UNIT))
     for function in sorted(set(calls) - (set(calls_of(ALL[SMALL[0]]())) if name == SMALL[1] else set())):
-        jax.block_until_ready(calls[function]())
+        first = jax.block_until_ready(calls[function]())
         compiled.clear()
-        jax.block_until_ready(again[function]())
+        second = jax.block_until_ready(again[function]())
         assert not compiled, f"{function} compiled {compiled} again"
+        assert jax.tree.structure(first) == jax.tree.structure(second), function
+        for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True):
+            assert differs_by_powers(one, other), f"{function} gave {one} and in another unit {other}"
+
+
+def differs_by_powers(one, other):
+    """Whether every number is that of the other unit times a power of the unit between -3 and 3."""
+    one, other = np.asarray(one), np.asarray(other)
+    if one.dtype.kind != "f":
+        return np.array_equal(one, other)
+    powers = one[..., None] * UNIT ** np.arange(-3.0, 4)
+    return np.all(np.any(np.isclose(other[..., None], powers, rtol=1e-9, atol=0, equal_nan=True), axis=-1))
 
 
 def test_sizes_are_no_part_of_a_program(prototype, compiled):

@@ -9,7 +9,7 @@ import pytest
 
 import jaxscissor as js
 from jaxscissor.mechanisms._contract import joint_places
-from tests.conftest import ALL, as_users, exhaustive, forget_programs
+from tests.conftest import ALL, as_users, exhaustive
 
 NAMES = ("tse_prototype", "tri_scott_skewed")  # whose legs know all their roots
 ROUNDING = 200 * np.finfo(float).eps  # of a margin whose pose is 100 ulp away
@@ -34,8 +34,7 @@ def poses_at_edges(robot, count, rng):
 
 @pytest.fixture(scope="module", params=[*NAMES, *exhaustive("micabo", "tri_scott", "tse_clockwise")])
 def robot(request):
-    yield ALL[request.param]()
-    forget_programs()
+    return ALL[request.param]()
 
 
 def test_every_function_has_one_verdict_at_an_edge(robot, rng):

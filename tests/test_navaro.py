@@ -293,3 +293,18 @@ def test_bars_that_cannot_fold_are_refused():
         _ = js.NavaroII(good.base, good.platform, (30.0, 60.0)).scissor
     with pytest.raises(ValueError, match="without end"):
         _ = js.NavaroII(good.base, good.platform).scissor
+
+
+@pytest.mark.parametrize("mode", [1, 8])
+def test_a_leg_without_length_is_a_fold_on_which_all_functions_agree(mode):
+    """At rho1 = 0 the closure holds for every theta1; the mode ends there, as on any fold."""
+    robot = js.NavaroII.prototype(mode)
+    x, y = np.asarray(robot.platform[0])
+    pose = np.array([-x, -y, 0.0])
+    solution, modes = js.inverse_kinematics(robot, pose), js.inverse_kinematics_all(robot, pose)
+    assert solution.status == js.Status.CONVERGED and bool(modes.valid.all())
+    assert float(solution.value[1]) == 0 and np.isfinite(solution.value).all()
+    assert js.feasibility(robot, pose).status == js.Status.CONVERGED
+    assert float(js.margins(robot, pose)[0, 0]) == 0
+    assert np.isnan(js.inverse_jacobian(robot, pose)).all()  # there is none
+    assert float(js.singularity(robot, pose).type1[0]) == 0

@@ -266,11 +266,16 @@ def hexagon(radius):
     return np.stack([radius * np.cos(angles), radius * np.sin(angles), 0 * angles], axis=1)
 
 
+def loose_hexapod():
+    with pytest.warns(UserWarning, match="loose whatever the lengths"):
+        return js.StewartGough(hexagon(0.12), hexagon(0.1), (0.15, 0.25))
+
+
 LOOSE = {
     "Gough-Stewart yawed by 90 deg": (js.StewartGough.prototype, lambda home: home.at[5].set(np.pi / 2)),
     "NaVARo II, mode 8, not turned": (lambda: js.NavaroII.prototype(8), lambda home: jnp.array([45.0, 26.0, 0.0])),
     "similar hexagons": (
-        lambda: js.StewartGough(hexagon(0.12), hexagon(0.1), (0.15, 0.25)),
+        lambda: loose_hexapod(),
         lambda home: home + jnp.array([0.01, -0.02, 0.01, 0.1, -0.2, 0.1]),
     ),
 }
@@ -285,6 +290,19 @@ def test_a_derivative_that_does_not_exist_is_zero(case):
     actuated = robot.actuated(js.inverse_kinematics(robot, pose).value)
 
     def placed(q):
-        return js.forward_kinematics(robot, q, guess=pose).value
+        solution = js.forward_kinematics(robot, q, guess=pose)
+        return solution.value, solution.status
 
-    assert not np.asarray(jax.jacfwd(placed)(actuated)).any()
+    slope, status = jax.jacfwd(placed, has_aux=True)(actuated)
+    assert not np.asarray(slope).any()
+    assert status == js.Status.SINGULAR
+
+
+def test_a_robot_that_is_loose_everywhere_says_so_from_any_guess():
+    robot = loose_hexapod()
+    pose = robot.home()[0] + jnp.array([0.01, -0.02, 0.01, 0.1, -0.2, 0.1])
+    actuated = js.inverse_kinematics(robot, pose).value
+    for away in (1e-3, 1e-1):
+        solution = js.forward_kinematics(robot, actuated, guess=pose + away * jnp.array([0.1, 0, 0, 0, 0, 1]))
+        assert solution.status == js.Status.SINGULAR
+        assert "loose" in js.status_message(solution.status)

@@ -32,6 +32,7 @@ from jaxscissor.clearance import Clearance as Clearance
 from jaxscissor.clearance import clearance as clearance
 from jaxscissor.clearance import clearance_along as clearance_along
 from jaxscissor.constraints import constrained_pose as constrained_pose
+from jaxscissor.contract_check import check_robot as check_robot
 from jaxscissor.design import DesignResult as DesignResult
 from jaxscissor.design import DesignStatus as DesignStatus
 from jaxscissor.design import StopReason as StopReason

@@ -58,7 +58,7 @@ def _axes(batched: Any) -> Any:
 
 def _in_chunks(function: Callable[[Any], Any], lanes: Any, size: int) -> Any:
     """Apply a function of lanes to equal chunks of whole registers, the last one filled up if need be."""
-    least = math.ceil(size / CHUNK)
+    least = math.ceil(size / CHUNK) if isinstance(size, int) else 1  # exported programs may leave the size open
     if least <= 1:  # none at all included
         return function(lanes)
     count = next((k for k in range(least, 2 * least) if size % (k * _REGISTER) == 0), least)

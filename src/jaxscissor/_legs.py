@@ -14,7 +14,15 @@ from jaxscissor._newton import implicit, newton
 from jaxscissor._numerics import Scalar
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
-from jaxscissor.mechanisms._contract import Joints, Mechanism, join_joints, leg_residual, legs_of, split_joints
+from jaxscissor.mechanisms._contract import (
+    Joints,
+    Mechanism,
+    join_joints,
+    leg_residual,
+    legs_of,
+    seen_by_legs,
+    split_joints,
+)
 
 MAX_STEPS = 30
 
@@ -97,7 +105,7 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     pose = jnp.stack([jnp.where(finite, x, h) for x, h in zip(pose, lax.stop_gradient(home_pose), strict=True)])
     position, rotation = robot.space.place(pose)
     legs = legs_of(robot)
-    attachments = list(fence(robot.attachments(position, rotation)))
+    attachments = list(fence(seen_by_legs(robot, len(legs), position, rotation)))
     return Placed(finite, pose, position, rotation, legs, attachments)
 
 

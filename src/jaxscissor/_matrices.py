@@ -116,10 +116,12 @@ def is_regular(rows: Sequence[Sequence[Scalar]]) -> Scalar:
 
 
 def determinant_sign(rows: Sequence[Sequence[Scalar]]) -> Scalar:
-    """Sign of the determinant of a small matrix; by its pivots above 3 x 3."""
+    """Sign of the determinant of a small matrix, zero where it is singular to rounding; by its pivots above 3 x 3."""
     if len(rows) > 3:
-        return _eliminated(rows, [0 * row[0] for row in rows])[2]
-    return jnp.sign(determinant(rows))
+        _, regular, sign = _eliminated(rows, [0 * row[0] for row in rows])
+    else:
+        regular, sign = is_regular(rows), jnp.sign(determinant(rows))
+    return jnp.where(regular, sign, 0)
 
 
 def _permanent(rows: Sequence[Sequence[Scalar]]) -> Scalar:

@@ -62,7 +62,7 @@ def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok:
 
 @jax.jit
 def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
-    """Sign of det d residual / d (twist, passive joints), which names the assembly mode between singularities."""
+    """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity."""
     robot, actuated, state = lax.stop_gradient((robot, actuated, state))
     args, nudge = (robot, legs_of(robot), actuated), _stepping(robot, robot.space.nudge)
     count = len(_state_residual(state, args))

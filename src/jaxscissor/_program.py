@@ -12,6 +12,8 @@ import numpy as np
 from jax.core import Tracer
 from jax.extend.core import take_current_trace
 
+from jaxscissor._pytree import refuse_unregistered
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -33,6 +35,11 @@ def one_pose(*static: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 def program(*static: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """The same for a function that evaluates the robot many times: optimized also when called with numbers."""
     return lambda function: _program(function, static, _PLAIN)
+
+
+def run_once(function: Callable[P, T]) -> Callable[P, T]:
+    """The function as a program that is not worth optimizing."""
+    return jax.jit(function, compiler_options=_UNOPTIMIZED)
 
 
 def keyed(body: Callable[..., T]) -> Callable[..., T]:
@@ -65,7 +72,10 @@ def _program(function: Callable[P, T], static: tuple[str, ...], options: Any) ->
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         numbers = tuple(_listed(arg) for arg in args)
         named = {name: _listed(arg) for name, arg in kwargs.items()}
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((numbers, named))):
+        leaves = jax.tree.leaves((numbers, named))
+        for leaf in leaves:
+            refuse_unregistered(leaf)
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
             return part(*numbers, **named)
         with take_current_trace():  # inside a caller's program, too, numbers give numbers
             return whole(*numbers, **named)

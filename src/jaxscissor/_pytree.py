@@ -118,8 +118,22 @@ def as_arrays(*values: Any) -> tuple[jax.Array, ...]:
     return tuple(_array(value, dtype) for value in values)
 
 
+def refuse_unregistered(leaf: Any) -> None:
+    """Raise if a leaf is an object whose class JAX does not know.
+
+    Raises:
+      ValueError: naming the class.
+    """
+    if dataclasses.is_dataclass(leaf):
+        raise ValueError(
+            f"Got a {type(leaf).__name__}, whose class is no pytree; put @jaxscissor.pytree above it, also if it "
+            "inherits from a class that has it."
+        )
+
+
 def _array(value: Any, dtype: Any) -> jax.Array:
     """The value as an array of a dtype; of numbers by NumPy, which compiles nothing."""
+    refuse_unregistered(value)
     if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(value)):
         return jnp.asarray(value, dtype)
     return jnp.asarray(np.asarray(value, dtype), dtype)

@@ -24,14 +24,17 @@ class Status(enum.IntEnum):
     MAX_STEPS = 2
     NO_SOLUTION = 3
     NONFINITE = 4
+    SINGULAR = 5
 
 
 _MESSAGES = {
     Status.CONVERGED: "converged in the home mode, or in the mode of the guess",
-    Status.OTHER_MODE: "assembles, but only in another mode: the way from home crosses a singularity",
+    Status.OTHER_MODE: "assembles, but was found only in another mode than home's or the guess's",
     Status.MAX_STEPS: "not converged; try a closer guess or more steps (max_steps). Nothing is proved",
-    Status.NO_SOLUTION: "proved to have no solution: the robot cannot be assembled there",
+    Status.NO_SOLUTION: "proved to have no solution: the robot cannot be assembled there. If its platform cannot move "
+    "freely, complete the pose by constrained_pose",
     Status.NONFINITE: "the input holds nan, infinity or numbers that overflow",
+    Status.SINGULAR: "the platform is loose where the iteration ended: the actuated joints do not determine its pose",
 }
 
 

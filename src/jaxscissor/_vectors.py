@@ -46,10 +46,10 @@ class Vec:
         return self.components[2]
 
     def __add__(self, other: Vec) -> Vec:
-        return Vec(*(a + b for a, b in zip(self.components, other.components, strict=True)))
+        return Vec(*(a + b for a, b in _pairs(self, other)))
 
     def __sub__(self, other: Vec) -> Vec:
-        return Vec(*(a - b for a, b in zip(self.components, other.components, strict=True)))
+        return Vec(*(a - b for a, b in _pairs(self, other)))
 
     def __mul__(self, scale: Any) -> Vec:
         return Vec(*(a * scale for a in self.components))
@@ -61,7 +61,7 @@ class Vec:
 
     def dot(self, other: Vec) -> Any:
         """Scalar product."""
-        products = [a * b for a, b in zip(self.components, other.components, strict=True)]
+        products = [a * b for a, b in _pairs(self, other)]
         return sum(products[1:], products[0])
 
     def cross(self, other: Vec) -> Vec:
@@ -86,6 +86,15 @@ class Vec:
         return cls(*components)
 
 
+def _pairs(one: Vec, other: Vec) -> Any:
+    if len(one.components) != len(other.components):
+        raise ValueError(
+            f"Got vectors of {len(one.components)} and {len(other.components)} components; expected as many: two in "
+            "the plane, three in space."
+        )
+    return zip(one.components, other.components, strict=True)
+
+
 @jax.tree_util.register_pytree_node_class
 class Rotation:
     """A rotation given by its columns, the platform's axes seen from the base.
@@ -102,6 +111,10 @@ class Rotation:
         self.columns = columns
 
     def __matmul__(self, vector: Vec) -> Vec:
+        if len(self.columns) != len(vector.components):
+            raise ValueError(
+                f"Got a vector of {len(vector.components)} components to turn; the rotation has {len(self.columns)}."
+            )
         parts = [c * v for c, v in zip(self.columns, vector.components, strict=True)]
         return functools.reduce(Vec.__add__, parts)
 

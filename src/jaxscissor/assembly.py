@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -16,7 +17,16 @@ from jaxscissor._numerics import Scalar, default_tol
 from jaxscissor._platform import State, all_joints, assemble, differentiable_pose, state_at
 from jaxscissor._program import one_pose, program
 from jaxscissor._pytree import as_floats, pytree, static
-from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, legs_of, split_joints
+from jaxscissor._vectors import Vec
+from jaxscissor.mechanisms._contract import (
+    Mechanism,
+    checked_freedoms,
+    checked_joints,
+    checked_pose,
+    legs_of,
+    split_joints,
+)
+from jaxscissor.mechanisms._upright import normal_of
 
 
 @pytree
@@ -138,7 +148,7 @@ def forward_kinematics_all(
       that fit no pose, have no valid entry. Which modes are physically sensible: see ``within_limits``.
 
     Raises:
-      ValueError: wrong shape of the joints.
+      ValueError: wrong shape of the joints; a robot with more or fewer actuated joints than freedoms.
 
     Example:
       >>> import jax, jaxscissor as js
@@ -147,6 +157,7 @@ def forward_kinematics_all(
       >>> int(modes.count), modes.values.shape, modes.complete
       (16, (16, 6), True)
     """
+    checked_freedoms(robot)
     joints = checked_joints(robot, joints, actuated_only=True)
     robot, joints = as_floats(robot, joints)
     tol = default_tol(joints.dtype) if tol is None else tol
@@ -199,7 +210,10 @@ def _anywhere(robot: Mechanism, count: int, seed: Scalar) -> jax.Array:
 
 @one_pose()
 def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
-    """Which assembly modes are physically sensible: above the base, platform up, all legs within their limits.
+    """Which assembly modes are physically sensible: on home's side of the base, not upside down, within all limits.
+
+    The base is the plane of the legs' first rails, or where they have none the plane z = 0. Upside down is what is
+    turned over against home.
 
     Args:
       robot: the robot.
@@ -216,14 +230,26 @@ def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
       2
     """
     robot, values, joints = as_floats(robot, modes.values, modes.joints)
+    home = robot.space.place(robot.home()[0])
+    spatial = robot.space.translations == 3
 
     def sensible(pose, joints):
         position, rotation = robot.space.place(pose)
         attachments = robot.attachments(position, rotation)
-        legs = zip(legs_of(robot), split_joints(robot, joints), attachments, strict=True)
+        legs = list(zip(legs_of(robot), split_joints(robot, joints), attachments, strict=True))
         margins = [margin for leg, q, attachment in legs for margin in leg.margins(q, attachment)]
-        if robot.space.translations == 3:
-            margins += [position.z, jnp.asarray(rotation.columns[2].z, pose.dtype)]
-        return jnp.all(jnp.stack(margins) >= 0) if margins else jnp.asarray(True)
+        if spatial:
+            corners = [rails[0][0] for rails in (leg.rails(q, seen) for leg, q, seen in legs) if rails]
+            sides = [_side(corners, place) for place in (position, home[0])]
+            margins += [sides[0] * sides[1], rotation.columns[2].dot(home[1].columns[2])]
+        return jnp.all(jnp.stack([jnp.asarray(m, pose.dtype) for m in margins]) >= 0) if margins else jnp.asarray(True)
 
     return modes.valid & jax.vmap(sensible)(values, joints)
+
+
+def _side(corners: Sequence[Vec], position: Vec) -> Scalar:
+    """Distance from the plane of three or more corners of the base, else the height."""
+    if len(corners) < 3:
+        return position.z
+    points = jnp.stack([corner.array() for corner in corners])
+    return normal_of(points).dot(position - Vec(*jnp.mean(points, axis=0)))

@@ -12,7 +12,7 @@ from jaxscissor._numerics import safe_divide, safe_sqrt
 from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor.jacobians import twist_jacobian
-from jaxscissor.mechanisms._contract import Mechanism, checked_pose
+from jaxscissor.mechanisms._contract import Mechanism, checked_freedoms, checked_pose
 
 
 @pytree
@@ -42,7 +42,7 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
       ``GearRatios``; the vertical one is 1 / |column z|. All ``nan`` where the home mode does not exist.
 
     Raises:
-      ValueError: wrong shape.
+      ValueError: wrong shape; a robot with fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -51,6 +51,7 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
       2.15
     """
     robot, pose = checked_pose(robot, pose)
+    checked_freedoms(robot, more=True)
     usable, matrix = twist_jacobian(robot, pose)
     linear = robot.space.translations
     any_matrix = jnp.eye(*matrix.shape, dtype=matrix.dtype)

@@ -19,6 +19,7 @@ from jaxscissor._pytree import as_floats
 from jaxscissor._solution import Solution, Status
 from jaxscissor.mechanisms._contract import (
     Mechanism,
+    checked_freedoms,
     checked_joints,
     checked_pose,
     closure,
@@ -82,7 +83,9 @@ def inverse_kinematics(
       ``Solution`` whose ``value`` is all joints ``(n,)``. The status tells apart: ``CONVERGED`` in the
       home mode (or the guess's), ``OTHER_MODE`` if the robot assembles only in another, ``NO_SOLUTION``
       if that is proved, ``MAX_STEPS``, ``NONFINITE``. Limits of stroke are not judged here: see
-      ``feasibility``. Derivatives are zero where the status is not ``CONVERGED``.
+      ``feasibility``. Derivatives are zero where the status is not ``CONVERGED``, and those of a leg that is
+      singular to rounding. A robot with constraints on its pose has no solution at a pose that breaks them:
+      see ``constrained_pose``.
 
     Raises:
       ValueError: ``pose`` or ``guess`` has the wrong shape.
@@ -158,12 +161,13 @@ def forward_kinematics(
 
     Returns:
       ``Solution`` whose ``value`` is the pose ``(d,)``, pitch within [-90, 90] deg. ``CONVERGED`` in the
-      assembly mode of the guess (the sign of its closure determinant), ``OTHER_MODE`` in one beyond a
-      singularity, ``NO_SOLUTION`` where a leg cannot take its joints at all, ``MAX_STEPS`` (which proves
-      nothing), ``NONFINITE``. Derivatives are zero where the status is not ``CONVERGED``.
+      assembly mode of the guess (the sign of its closure determinant), ``OTHER_MODE`` in one of the other
+      sign, ``SINGULAR`` where the iteration ended with a loose platform, ``NO_SOLUTION`` where a leg cannot
+      take its joints at all, ``MAX_STEPS`` (which proves nothing), ``NONFINITE``. Derivatives are zero where
+      the status is not ``CONVERGED``.
 
     Raises:
-      ValueError: ``joints`` or ``guess`` has the wrong shape.
+      ValueError: ``joints`` or ``guess`` has the wrong shape; a robot with more or fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -172,6 +176,7 @@ def forward_kinematics(
       >>> bool(abs(js.forward_kinematics(robot, joints + 0.01).value - pose)[2] > 0.01)
       True
     """
+    checked_freedoms(robot)
     joints = checked_joints(robot, joints, actuated_only=True)
     robot, joints = as_floats(robot, joints)
     if guess is not None:
@@ -191,9 +196,9 @@ def _forward_kinematics(robot: Mechanism, joints: jax.Array, guess: Any, tol: Sc
 
     ends = jax.tree.map(lambda *leaves: jnp.stack(leaves), (joints, state), (home_actuated, start))
     signs = lax.map(lambda end: assembly_sign(robot, *end), ends)  # one after the other through one program
-    same = signs[0] == signs[1]
-    converged = error <= tol
-    status = jnp.where(converged, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
+    same = signs[0] * signs[1] >= 0  # a guess on a singularity names no mode
+    status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
+    status = jnp.where(signs[0] == 0, Status.SINGULAR, status)
     for leg, q in zip(legs_of(robot), split_joints(robot, all_joints(robot, joints, state)), strict=True):
         status = jnp.where(leg.closes(q), status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)

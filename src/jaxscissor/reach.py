@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -10,11 +11,13 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._bracket import last_inside
-from jaxscissor._numerics import Scalar, safe_divide
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats
 from jaxscissor.feasibility import reached_margin
 from jaxscissor.mechanisms._contract import Mechanism, checked_pose
+
+_TURN = 2 * math.pi
 
 
 @one_pose("cells")
@@ -29,7 +32,8 @@ def reach_along(robot: Mechanism, pose: Any, direction: Any, *, limit: Any = Non
       robot: the robot; every array in it is differentiable.
       pose: ``(d,)`` in the base frame, where the line starts.
       direction: ``(d,)`` rates of the pose coordinates; its length is the unit of the result.
-      limit: how far to look, in that unit; default: two lengths of the robot.
+      limit: how far to look, in that unit; default: until it has moved by two lengths of the robot or turned by a
+        full turn.
       cells: number of cells up to the limit.
 
     Returns:
@@ -52,7 +56,7 @@ def reach_along(robot: Mechanism, pose: Any, direction: Any, *, limit: Any = Non
         raise ValueError(f"Got direction {direction.shape}; expected the shape of the pose, {pose.shape}.")
     if cells < 1:
         raise ValueError(f"Got cells={cells}; expected at least one.")
-    limit = lax.stop_gradient(jnp.asarray(2 * robot.length if limit is None else limit, pose.dtype))
+    limit = lax.stop_gradient(jnp.asarray(_far(robot, direction) if limit is None else limit, pose.dtype))
     return _reach(cells, robot, pose, direction, limit)
 
 
@@ -83,6 +87,16 @@ def height_range(robot: Mechanism) -> jax.Array:
     up = jnp.zeros_like(home).at[vertical].set(1)
     ways = jax.vmap(partial(reach_along, robot, home))(jnp.stack([-up, up]))
     return home[vertical] + jnp.stack([-ways[0], ways[1]])
+
+
+def _far(robot: Mechanism, direction: jax.Array) -> Scalar:
+    """Where the first of two lengths and a full turn is reached; one if the direction leads nowhere."""
+    moves, turns = (jnp.sum(part**2) for part in jnp.split(direction, [robot.space.translations]))
+    ends = [
+        jnp.where(rate > 0, far / safe_sqrt(rate), jnp.inf) for far, rate in ((2 * robot.length, moves), (_TURN, turns))
+    ]
+    nearest = jnp.minimum(*ends)
+    return jnp.where(jnp.isfinite(nearest), nearest, 1)
 
 
 def _reach(cells: int, robot: Mechanism, pose: jax.Array, direction: jax.Array, limit: Scalar) -> jax.Array:

@@ -20,7 +20,7 @@ from jaxscissor._pytree import as_floats, pytree
 from jaxscissor._solution import Status
 from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.kinematics import inverse_kinematics
-from jaxscissor.mechanisms._contract import Mechanism, checked_joints, checked_pose, split_joints
+from jaxscissor.mechanisms._contract import Mechanism, checked_freedoms, checked_joints, checked_pose, split_joints
 
 
 @pytree
@@ -76,7 +76,7 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
       lengths in units of the robot's length, no meaningful sign, and no derivative.
 
     Raises:
-      ValueError: wrong shapes.
+      ValueError: wrong shapes; a robot with more or fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -86,6 +86,7 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
       (True, True)
     """
     robot, pose = checked_pose(robot, pose)
+    checked_freedoms(robot)
     if joints is not None:
         joints = checked_joints(robot, joints)
         robot, pose, joints = as_floats(robot, pose, joints)

@@ -21,9 +21,10 @@ from jaxscissor._fence import fence
 from jaxscissor._matrices import determinant
 from jaxscissor._newton import value_and_jacobian
 from jaxscissor._numerics import Scalar
-from jaxscissor._pytree import as_floats, is_concrete
+from jaxscissor._pytree import as_floats, float_dtype, is_concrete
 from jaxscissor._spaces import Space
 from jaxscissor._vectors import Rotation, Vec
+from jaxscissor.mechanisms._method_checks import LEG, ROBOT, actuated_flags, check_methods
 
 Joints = tuple[Scalar, ...]  # the joint coordinates of one leg
 Attachment = Any  # what a leg sees of the platform: a point, a point and an axis, ...; pictures take the first point
@@ -36,9 +37,13 @@ class Leg:
     angular: ClassVar[tuple[bool, ...] | None] = None  # which joints are angles; None: all are lengths
     limits: ClassVar[tuple[str, ...] | None] = None  # names of the margins, for reports; None: they are numbered
 
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        check_methods(cls, LEG)
+
     def residual(self, joints: Joints, attachment: Attachment) -> Joints:
         """Closure equations, as many as joints, dimensionless and of order one."""
-        raise NotImplementedError
+        raise _missing(self, "residual(joints, attachment)")
 
     def start(self, attachment: Attachment) -> tuple[Joints, Scalar | None]:
         """First guess on the home mode, and how far the attachment lies inside that mode's reach.
@@ -47,7 +52,7 @@ class Leg:
         negative, the guess must be the joints of least residual at the mode's edge, which are not iterated
         further. ``None`` if it is not known in closed form: Newton's success then decides.
         """
-        raise NotImplementedError
+        raise _missing(self, "start(attachment)")
 
     def margins(self, joints: Joints, attachment: Attachment) -> Sequence[Scalar]:
         """Signed distances to the limits, dimensionless, >= 0 where feasible. Default: no limits."""
@@ -83,32 +88,43 @@ class Leg:
         return True
 
 
+class _NoSpace:
+    """Stands where a robot's space is missing."""
+
+    def __get__(self, robot: Any, cls: type) -> Any:
+        raise ValueError(f"{cls.__name__} has no space; set space = SE3, SE2 or R3 in its class.")
+
+
 class Mechanism:
     """A parallel robot. Subclasses are pytrees whose leaves are the design."""
 
-    space: ClassVar[type[Space]]
+    space: ClassVar[type[Space]] = _NoSpace()  # pyright: ignore[reportAssignmentType]
     dependent: ClassVar[tuple[str, ...]] = ()
     """Names of the pose coordinates that the constraints determine from the others (parasitic motion)."""
     joint_order: ClassVar[tuple[int, ...] | None] = None
     """Place in the array of joints of each leg's joints, taken leg by leg; ``None`` is leg by leg."""
 
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        check_methods(cls, ROBOT)
+
     @property
     def length(self) -> Scalar:
         """Characteristic length, which makes poses and measures dimensionless."""
-        raise NotImplementedError
+        raise _missing(self, "length")
 
     def legs(self) -> Leg:
         """The legs, stacked on the leading axis of every leaf."""
-        raise NotImplementedError
+        raise _missing(self, "legs()")
 
     def attachments(self, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
         """What each leg sees of the platform. No trigonometry here: the library has done it."""
-        raise NotImplementedError
+        raise _missing(self, "attachments(position, rotation)")
 
     def actuation(self) -> tuple[tuple[bool, ...], ...]:
         """Which joints of each leg are actuated. Default: as the leg's class says."""
         stacked = self.legs()
-        return (stacked.actuated,) * jax.tree.leaves(stacked)[0].shape[0]
+        return (actuated_flags(stacked),) * jax.tree.leaves(stacked)[0].shape[0]
 
     def actuated(self, joints: Any) -> jax.Array:
         """The actuated ones of all joints ``(..., n)``, in the order in which the robot counts them."""
@@ -120,7 +136,7 @@ class Mechanism:
 
     def home(self) -> tuple[jax.Array, jax.Array]:
         """A consistent (pose, joints) that names the working mode."""
-        raise NotImplementedError
+        raise _missing(self, "home()")
 
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array] | None:
         """Every pose ``(modes, d)`` that the actuated joints allow, padded, and which are real ``(modes,)``.
@@ -135,6 +151,12 @@ class Mechanism:
         wide = max(len(name) for name, _, _ in rows)
         lines = [f"  {name:<{wide}}  {value}{' ' + unit if unit else ''}" for name, value, unit in rows]
         return "\n".join([type(self).__name__, *lines])
+
+
+def _missing(self: Any, method: str) -> NotImplementedError:
+    return NotImplementedError(
+        f"{type(self).__name__} does not define {method}; see {type(self).__mro__[-2].__name__}."
+    )
 
 
 def _shown(value: Any) -> str:
@@ -166,7 +188,11 @@ def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
 
 def split_joints(robot: Mechanism, joints: Any) -> list[Joints]:
     """The joints of each leg, from the array of all of them."""
-    return [tuple(joints[i] for i in places) for places in joint_places(robot)]
+    every = joint_places(robot)
+    count = sum(map(len, every))
+    if len(joints) != count:
+        raise ValueError(f"Got {len(joints)} joints of a {type(robot).__name__}, whose legs have {count}.")
+    return [tuple(joints[i] for i in places) for places in every]
 
 
 def join_joints(robot: Mechanism, joints: Sequence[Joints]) -> jax.Array:
@@ -175,6 +201,35 @@ def join_joints(robot: Mechanism, joints: Sequence[Joints]) -> jax.Array:
         i: q for places, leg in zip(joint_places(robot), joints, strict=True) for i, q in zip(places, leg, strict=True)
     }
     return jnp.stack([placed[i] for i in range(len(placed))])
+
+
+def seen_by_legs(robot: Mechanism, legs: int, position: Vec, rotation: Rotation) -> list[Attachment]:
+    """What so many legs see of the platform."""
+    seen = robot.attachments(position, rotation)
+    if len(seen) != legs:
+        raise ValueError(
+            f"{type(robot).__name__}.attachments(position, rotation) gave {len(seen)} attachments; expected {legs}, "
+            "one per leg of legs()."
+        )
+    return list(seen)
+
+
+def checked_freedoms(robot: Mechanism, *, more: bool = False) -> None:
+    """Raise unless there are as many actuated joints as the platform has freedoms, or ``more`` where that will do.
+
+    Raises:
+      ValueError: naming both counts.
+    """
+    dimension, actuated = robot.space.dimension, sum(actuated_mask(robot))
+    pose = jax.ShapeDtypeStruct((dimension,), float_dtype(robot))
+    bound = len(jax.eval_shape(lambda pose: robot.constraints(*robot.space.place(pose)), pose))
+    freedoms = dimension - bound
+    if actuated != freedoms and not (more and actuated > freedoms):
+        raise ValueError(
+            f"Got a {type(robot).__name__} with {actuated} actuated joints for {freedoms} freedoms: {dimension} "
+            f"coordinates of the pose ({', '.join(robot.space.names)}) and {bound} constraints on it. Expected as many "
+            "actuated joints as freedoms: see actuated of the leg, legs() and constraints()."
+        )
 
 
 def leg_residual(joints: Joints, args: tuple[Any, Attachment]) -> Joints:
@@ -187,7 +242,7 @@ def closure(
     robot: Mechanism, legs: Sequence[Any], joints: Sequence[Joints], position: Vec, rotation: Rotation
 ) -> Joints:
     """All closure equations, leg by leg, and the constraints on the pose after them."""
-    attachments = robot.attachments(position, rotation)
+    attachments = seen_by_legs(robot, len(legs), position, rotation)
     equations = [r for leg, q, a in zip(legs, joints, attachments, strict=True) for r in leg.residual(q, a)]
     return (*equations, *robot.constraints(position, rotation))
 
@@ -200,6 +255,8 @@ def checked_pose(robot: Mechanism, pose: Any) -> tuple[Any, jax.Array]:
     """
     pose = jnp.asarray(pose)
     shape, space = pose.shape, robot.space
+    if jnp.iscomplexobj(pose):
+        raise ValueError(f"Got a complex pose, {pose.dtype}; expected real numbers.")
     if shape != (space.dimension,):
         raise ValueError(
             f"Got a pose of shape {shape}; {type(robot).__name__} expects ({space.dimension},) = "
@@ -218,6 +275,8 @@ def checked_joints(robot: Mechanism, joints: Any, *, actuated_only: bool = False
     mask = actuated_mask(robot)
     expected = (sum(mask) if actuated_only else len(mask),)
     joints = jnp.asarray(joints)
+    if jnp.iscomplexobj(joints):
+        raise ValueError(f"Got complex joints, {joints.dtype}; expected real numbers.")
     if joints.shape != expected:
         kind = "actuated joints" if actuated_only else "joints"
         raise ValueError(

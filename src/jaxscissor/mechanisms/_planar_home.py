@@ -20,8 +20,9 @@ _TURNS = np.radians(np.arange(-90, 91, 15))
 def middle_pose(base: jax.Array, platform: jax.Array, held: Held, reach: Reach) -> jax.Array:
     """Pose ``(3,)`` (x, y, alpha) with the middle of the platform's joints over that of the anchors.
 
-    Turns from -90 to 90 deg in steps of 15 deg are compared: those with all legs within their reach come
-    first, and of these the one of greatest det A [NAV19 eq. 6].
+    Turns from -90 to 90 deg in steps of 15 deg, counted from where the first sides of base and platform are parallel,
+    are compared: those with all legs within their reach come first, and of these the one of greatest det A
+    [NAV19 eq. 6].
 
     Args:
       base: ``(3, 2)`` anchors.
@@ -29,11 +30,18 @@ def middle_pose(base: jax.Array, platform: jax.Array, held: Held, reach: Reach) 
       held: the actuated joint of each leg, "theta" or "rho".
       reach: least and greatest length of each leg, ``(3,)`` each.
     """
-    turns = jnp.asarray(_TURNS, base.dtype)
+    turns = jnp.asarray(_TURNS, base.dtype) + (_direction(base) - _direction(platform))
     fixed = lax.stop_gradient((base, platform, reach))
     scores = jax.vmap(lambda turn: _score(fixed[0], fixed[1], held, fixed[2], turn))(turns)
     turn = turns[jnp.argmax(scores)]
-    return jnp.concatenate([_position(base, platform, turn), turn[None]])
+    within = jnp.arctan2(jnp.sin(turn), jnp.cos(turn))
+    return jnp.concatenate([_position(base, platform, turn), within[None]])
+
+
+def _direction(points: jax.Array) -> Scalar:
+    """Direction of the side from the first point to the second."""
+    x, y = points[1] - points[0]
+    return jnp.arctan2(y, x)
 
 
 def _turned(points: jax.Array, turn: Scalar) -> jax.Array:

@@ -76,7 +76,7 @@ class NavaroLeg(Leg):
         joints, reach = self.start(attachment)
         bar = attachment - self.anchor
         theta = jnp.arctan2(jnp.where(reach > 0, bar.y, 0), jnp.where(reach > 0, bar.x, 1))
-        return [(theta, joints[1])], [reach > 0]
+        return [(theta, joints[1])], [reach >= 0]
 
     def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The scissor's bars, in the vertical plane through the leg, and the screw and the guide at its open ends."""

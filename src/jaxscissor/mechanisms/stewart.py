@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ from jaxscissor._pytree import as_arrays, is_concrete, pytree, quantity
 from jaxscissor._spaces import SE3
 from jaxscissor._vectors import Rotation, Vec
 from jaxscissor.mechanisms._contract import Joints, Leg, Mechanism
+from jaxscissor.mechanisms._upright import alignment, normal_of
 from jaxscissor.mobility import Topology
 
 
@@ -78,8 +80,8 @@ class StewartGough(Mechanism):
       stroke: least and greatest length of the legs.
 
     Raises:
-      ValueError: wrong shapes, joints of base or platform on one line, a stroke that no upright pose over
-        the middle of the base meets.
+      ValueError: wrong shapes, joints of base or platform on one line, a stroke that no pose along the base and over
+        its middle meets. A base and a platform that leave the platform loose at every pose are warned of.
 
     Example:
       >>> robot = StewartGough.prototype()
@@ -135,16 +137,21 @@ class StewartGough(Mechanism):
 
     @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
-        """Upright over the middle of the base; the mean of the squared lengths is that of the middle of the stroke."""
-        offset = jnp.mean(self.base, axis=0) - jnp.mean(self.platform, axis=0)
-        flat = self.platform - self.base + offset[None]
+        """Over the middle of the base, turned so that the platform's joints are nearest to the base's.
+
+        The mean of the squared lengths is that of the middle of the stroke.
+        """
+        up, rotation = normal_of(self.base), alignment(self.platform, self.base)
+        turned = (rotation @ Vec(*self.platform.T)).array()
+        level = turned - self.base
+        level = level - jnp.mean(level, axis=0, keepdims=True)
         low, high = self.stroke
         ends = jnp.isfinite(high)
         middle = jnp.where(ends, (low + jnp.where(ends, high, 0)) / 2, low + 1.5 * self.length)
-        rise = safe_sqrt(middle**2 - jnp.mean(jnp.sum(flat**2, axis=1)))
-        position = offset.at[2].add(rise)
-        lengths = safe_sqrt(jnp.sum((self.platform + position[None] - self.base) ** 2, axis=1))
-        return jnp.concatenate([position, jnp.zeros(3, position.dtype)]), lengths
+        rise = up * safe_sqrt(middle**2 - jnp.mean(jnp.sum(level**2, axis=1)))
+        lengths = safe_sqrt(jnp.sum((level + rise.array()[None]) ** 2, axis=1))
+        position = Vec(*(jnp.mean(self.base, axis=0) - jnp.mean(turned, axis=0))) + rise
+        return jnp.stack(self.space.coordinates(position, rotation)), lengths
 
 
 def _check(robot: StewartGough) -> None:
@@ -162,6 +169,29 @@ def _check(robot: StewartGough) -> None:
     joints = np.asarray(robot.home()[1])
     if not np.all((joints > 0) & (joints >= low) & (joints <= high)):
         raise ValueError(
-            f"No upright pose over the middle of the base has all legs within the stroke ({low}, {high}): the best has "
+            f"No pose along the base and over its middle has all legs within the stroke ({low}, {high}): the best has "
             f"lengths {joints.tolist()}. Widen the stroke, or bring base and platform into agreement with it."
         )
+    if _is_loose(robot):
+        warnings.warn(
+            "Got a base and a platform whose six legs are linearly dependent at every pose, as those of two similar "
+            "hexagons are: the platform is loose whatever the lengths, and no pose follows from them. Bring the joints "
+            "together in pairs, or turn the platform's against the base's.",
+            stacklevel=4,
+        )
+
+
+def _is_loose(robot: StewartGough) -> bool:
+    """Whether the lines of the legs are linearly dependent at three poses of no symmetry, and so at all."""
+    base, platform, length = (np.asarray(x, float) for x in (robot.base, robot.platform, robot.length))
+    base, platform = base - base.mean(axis=0), platform - platform.mean(axis=0)
+    least = []
+    for number in range(3):
+        turn, move = np.random.default_rng(number).uniform(-1, 1, (2, 3))
+        skew = np.cross(np.eye(3), turn / 2)
+        arms = platform @ np.linalg.solve(np.eye(3) - skew, np.eye(3) + skew)  # Cayley's rotation
+        bars = arms + 3 * length * move - base
+        lines = np.hstack([bars, np.cross(arms, bars) / length])
+        sizes = np.linalg.svd(lines / np.linalg.norm(lines, axis=1, keepdims=True), compute_uv=False)
+        least.append(sizes[-1])
+    return max(least) < 1e3 * float(np.finfo(robot.base.dtype).eps)

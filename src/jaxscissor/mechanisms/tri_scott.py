@@ -177,13 +177,16 @@ class TriScott(Mechanism):
         return self.stroke[1, 0], self.stroke[1, 1]
 
     def _level(self, grounded: list[Joints]) -> Scalar:
-        """Height in the middle of what the strokes leave, given the joints at height zero."""
+        """Height in the middle of what the strokes leave, or a length of the robot from the only end, or from zero."""
         low, high = -jnp.inf, jnp.inf
         for leg in grounded:
             for value, limits, moves in zip(leg, self.stroke, self._moves_with_height, strict=True):
                 if moves:
                     low, high = jnp.maximum(low, limits[0] - value), jnp.minimum(high, limits[1] - value)
-        return jnp.where(jnp.isfinite(high), (low + jnp.where(jnp.isfinite(high), high, 0)) / 2, low + self.length)
+        ends = [jnp.where(jnp.isfinite(end), end, 0) for end in (low, high)]
+        open_below = jnp.where(jnp.isfinite(high), ends[1] - self.length, self.length)
+        open_above = jnp.where(jnp.isfinite(high), sum(ends) / 2, ends[0] + self.length)
+        return jnp.where(jnp.isfinite(low), open_above, open_below)
 
 
 @pytree

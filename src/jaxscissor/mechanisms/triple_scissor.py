@@ -246,6 +246,12 @@ def _check(robot: TripleScissorExtender) -> None:
     for name in ("actuator_radius", "top_radius", "top_offset", "base_offset", "azimuths"):
         value = getattr(robot, name)
         require(np.all(np.isfinite(value)), f"Got {name} = {value}; expected finite numbers.")
+    directions = np.exp(1j * np.asarray(robot.azimuths, float))
+    require(
+        np.abs(directions - np.roll(directions, 1)).min() > 1e-6,
+        f"Got azimuths = {robot.azimuths} rad; expected three different directions: with two legs in one, the platform "
+        "could turn about the line of its joints.",
+    )
     require(float(robot.top_radius) > 0, f"Got top_radius = {robot.top_radius}; expected a positive length.")
     require(
         float(robot.actuator_radius) >= 0, f"Got actuator_radius = {robot.actuator_radius}; expected a length >= 0."
