@@ -1,5 +1,7 @@
 """Design optimization on problems with known answers, and pictures that show what they should."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -313,3 +315,128 @@ def test_constraints_that_are_not_defined_everywhere_count_as_violated_there():
     assert result.history.violation[0, 0] == jnp.inf
     assert float(result.params) == pytest.approx(0.25, abs=2e-3)
     assert result.status is js.DesignStatus.IMPROVED
+
+
+@pytest.mark.parametrize("optimizer", [None, optax.adam(0.02)], ids=["default", "adam"])
+def test_no_unit_of_objective_or_constraint_matters(optimizer):
+    def tuned(one, other):
+        return js.optimize_design(
+            lambda p: one * jnp.sum((p - 0.2) ** 2),
+            jnp.array([0.9, 0.6]),
+            bounds=(jnp.zeros(2), jnp.ones(2)),
+            constraints=[lambda p: other * (p[0] - 0.5), lambda p: p - 0.1],
+            steps=60,
+            optimizer=optimizer,
+        )
+
+    plain = tuned(1.0, 1.0)
+    assert plain.status is js.DesignStatus.IMPROVED
+    for one, other in ((2.0**-20, 1.0), (2.0**20, 2.0**-20), (1.0, 2.0**20)):
+        result = tuned(one, other)
+        np.testing.assert_array_equal(result.params, plain.params)
+        np.testing.assert_array_equal(result.starts.violation, plain.starts.violation)
+        units = jnp.array([one / other, one, one])
+        np.testing.assert_allclose(result.prices.constraints, plain.prices.constraints * units, rtol=1e-12)
+
+
+def test_what_is_returned_is_never_worse_than_a_feasible_design_that_was_seen():
+    steep = js.optimize_design(
+        lambda x: 1e4 * (x - 0.2) ** 2, 0.8, bounds=(0.0, 1.0), steps=40, constraints=[lambda x: x - 0.8]
+    )
+    assert steep.status is js.DesignStatus.NOT_IMPROVED and float(steep.params) == 0.8
+    assert float(steep.prices.constraints[0]) == pytest.approx(1.2e4)
+
+    def bent(p):  # a valley whose floor leaves the feasible side again and again
+        return (p[0] - 1) ** 2 + 100 * (p[1] - p[0] ** 2) ** 2
+
+    for limit in (0.3, 0.6, 0.9):
+        result = js.optimize_design(
+            bent,
+            jnp.array([-0.9, 0.9]),
+            bounds=(-jnp.ones(2), jnp.ones(2)),
+            steps=60,
+            constraints=[lambda p, limit=limit: limit - p[0], lambda p: 0.95 - p[1]],
+        )
+        seen = np.where(result.history.violation <= 1e-3, result.history.objective, np.inf)
+        assert float(bent(result.params)) == pytest.approx(seen.min(), rel=1e-12)
+        assert result.starts.violation.max() <= 1e-3
+
+
+def test_prices_are_zero_where_nothing_binds_and_explain_the_slope(rng):
+    """Complementary slackness and stationarity, for many constraints of which few bind."""
+    normals = rng.normal(size=(2000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = rng.uniform(0.4, 1.0, 2000)
+    slope = jnp.array([-1.0, -0.5, 0.3])
+
+    def slack(p):
+        return offsets - normals @ p
+
+    result = js.optimize_design(
+        lambda p: slope @ p + 0.1 * p @ p,
+        jnp.zeros(3),
+        bounds=(-jnp.ones(3), jnp.ones(3)),
+        constraints=[slack],
+        steps=60,
+    )
+    at, prices = np.asarray(slack(result.params)), np.asarray(result.prices.constraints)
+    assert result.status is js.DesignStatus.IMPROVED and (prices >= 0).all() and prices.max() > 0.1
+    assert not prices[at > 1e-2].any() and (prices * at).max() < 1e-8
+    pull = np.asarray(slope + 0.2 * result.params) + normals.T @ prices
+    pull -= np.asarray(result.prices.low) - np.asarray(result.prices.high)
+    assert np.abs(pull).max() < 1e-6 and float(result.prices.rest) < 1e-6
+
+
+def test_a_result_is_a_start():
+    options = {"bounds": (0.49, 2.65), "steps": 5}
+    first = js.optimize_design(lambda x: -x, 1.57, **options)
+    assert float(first.params) == 2.65
+    again = js.optimize_design(lambda x: -x, first.params, **options)
+    assert again.status is js.DesignStatus.NOT_IMPROVED and float(again.params) == 2.65
+
+
+def test_an_optimization_that_cannot_go_on_says_why(prototype):
+    bounds = (0.0, 1.0)
+    refused = js.optimize_design(
+        lambda robot: robot.top_radius,
+        0.2,
+        build=lambda radius: dataclasses.replace(prototype, top_radius=radius),
+        bounds=(-0.1, 0.4),
+        steps=20,
+    )
+    assert refused.status is js.DesignStatus.IMPOSSIBLE and "top_radius" in refused.message
+    steep = js.optimize_design(jnp.sqrt, 0.0, bounds=bounds, steps=3)
+    assert "its derivative is not: by the parameter" in steep.message
+    flat = js.optimize_design(lambda x: jnp.floor(4 * x), 0.6, bounds=bounds, steps=3)
+    assert flat.status is js.DesignStatus.NOT_IMPROVED and "soft_workspace_fraction" in flat.message
+    pair = {"a": 0.6, "b": 0.1}, {"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 1.0}
+    loose = js.optimize_design(lambda x: x["a"] ** 2, pair[0], bounds=pair[1:], steps=3)
+    assert loose.status is js.DesignStatus.IMPROVED and "depends on ['b']" in loose.message
+    lost = js.optimize_design(
+        lambda x: x**2, 0.6, bounds=bounds, steps=3, constraints=[lambda x: x, lambda x: x * jnp.nan]
+    )
+    assert lost.status is js.DesignStatus.INFEASIBLE and "Constraint 1 is nan" in lost.message
+    assert not js.optimize_design(lambda x: x**2, 0.6, bounds=bounds, steps=3).message
+
+
+@pytest.mark.parametrize(
+    ("message", "changed"),
+    [
+        ("constraint 0 of dtype bool", {"constraints": [lambda p: p["a"] > 0]}),
+        ("optimizer='adam'; expected one of optax", {"optimizer": "adam"}),
+        (r"objective of shape \(2,\)", {"objective": lambda p: jnp.stack([p["a"], p["b"]])}),
+        (r"objective of shape \(1,\)", {"objective": lambda p: p["a"][None]}),
+        (r"bounds 2.0 and 1.0 of \['b'\]", {"bounds": ({"a": 0.0, "b": 2.0}, {"a": 1.0, "b": 1.0})}),
+        (r"bounds \['b'\] of shape \(2,\)", {"bounds": ({"a": 0.0, "b": np.zeros(2)}, {"a": 1.0, "b": 1.0})}),
+        (r"params 0.6 of \['a'\] outside", {"bounds": ({"a": 0.7, "b": 0.0}, {"a": 1.0, "b": 1.0})}),
+    ],
+)
+def test_what_cannot_be_optimized_is_refused_by_name(message, changed):
+    plain = {
+        "objective": lambda p: p["a"] ** 2,
+        "params": {"a": 0.6, "b": 0.1},
+        "bounds": ({"a": 0.0, "b": 0.0}, {"a": 1.0, "b": 1.0}),
+        "steps": 3,
+    }
+    with pytest.raises(ValueError, match=message):
+        js.optimize_design(**{**plain, **changed})

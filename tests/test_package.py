@@ -36,7 +36,7 @@ LEVELS = [
     {"jacobians", "feasibility", "singularity", "sensing"},
     {"dexterity", "regions", "reach", "encumbrance", "tolerances", "contract_check"},
     {"tasks", "_samples", "_descent"},
-    {"workspace", "_sqp", "extremes", "loci", "clearance"},
+    {"workspace", "_sqp", "_scaling", "_prices", "extremes", "loci", "clearance"},
     {"exact", "metrics", "aspects", "_slices", "design", "binding"},
     {"modes", "_singularity_pictures", "tradeoffs"},
     {"plot"},
@@ -61,7 +61,7 @@ def test_imports_run_downwards(path):
             assert imported and LEVEL[imported] < LEVEL[name_of(path)], f"{name_of(path)} imports {imported}"
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        allowed = {"jax", "numpy", "optax", "matplotlib", "mpl_toolkits", "tqdm", "jaxscissor", "__future__"}
+        allowed = {"jax", "numpy", "scipy", "optax", "matplotlib", "mpl_toolkits", "tqdm", "jaxscissor", "__future__"}
         allowed |= sys.stdlib_module_names
         assert all(name.split(".")[0] in allowed for name in names)
 

@@ -16,7 +16,8 @@ PERIOD = 10  # steps between two updates of the multipliers
 ALLOWED = 1e-3  # violation that the best design may have
 _PENALTY = 20.0  # weight of a squared violation, for objectives and constraints of order one
 
-Evaluate = Callable[[Any, Any, Any], tuple[jax.Array, jax.Array]]  # (unit, own, shared) -> objective, slacks
+Slacks = tuple[jax.Array, ...]  # one vector per constraint
+Evaluate = Callable[[Any, Any, Any], tuple[jax.Array, Slacks]]  # (unit, own, shared) -> objective, slacks
 
 
 @pytree
@@ -64,7 +65,8 @@ def stepper(evaluate: Evaluate, optimizer: Any, *, comparable: bool = True) -> S
     optimizer = optax.with_extra_args_support(optimizer)
 
     def lagrangian(unit, multipliers, own, shared):
-        value, slack = evaluate(unit, own, shared)
+        value, slacks = evaluate(unit, own, shared)
+        slack = joined(slacks)
         slack = jnp.where(jnp.isnan(slack), -jnp.inf, slack)
         pulls = jnp.where(slack > -jnp.inf, slack, jnp.inf)
         short = jnp.maximum(multipliers.astype(slack.dtype) / _PENALTY - pulls, 0)
@@ -109,7 +111,7 @@ def of_each_start(function: Callable[..., Any], in_axes: tuple[int | None, ...])
 def begun(units: Any, own: Any, shared: Any, *, optimizer: Any, evaluate: Evaluate) -> Descent:
     """All starts before their first step."""
     first = jax.tree.map(lambda leaf: leaf[0], (units, own))
-    value, slack = jax.eval_shape(evaluate, *first, shared)
+    value, slack = jax.eval_shape(lambda *args: _with_joined(evaluate(*args)), *first, shared)
     starts = jax.tree.leaves(units)[0].shape[0]
     unseen = jnp.full(starts, jnp.inf, value.dtype), jnp.full(starts, jnp.inf, slack.dtype)
     multipliers = jnp.zeros((starts, *slack.shape), slack.dtype)
@@ -124,8 +126,13 @@ def adam(steps: int) -> Any:
 
 
 def between(unit: Any, low: Any, high: Any) -> Any:
-    """Parameters of a point in the unit cube."""
-    return jax.tree.map(lambda u, a, b: a + (b - a) * u, unit, low, high)
+    """Parameters of a point in the unit cube, never beyond the bounds by rounding."""
+
+    def leaf(u, a, b):
+        value = a + (b - a) * u
+        return value + jax.lax.stop_gradient(jnp.clip(value, a, b) - value)  # a clipped number would have half a slope
+
+    return jax.tree.map(leaf, unit, low, high)
 
 
 def start_units(params: Any, low: Any, high: Any) -> Any:
@@ -143,10 +150,31 @@ def drawn_units(like: Any, count: int, generator: np.random.Generator) -> Any:
     return jax.tree.map(lambda leaf: jnp.asarray(generator.random((count, *leaf.shape[1:])), leaf.dtype), like)
 
 
-def slacks_of(constraints: Sequence[Callable[[Any], Any]], robot: Any) -> jax.Array:
+def slacks_of(constraints: Sequence[Callable[[Any], Any]], robot: Any) -> Slacks:
+    """The entries of every constraint.
+
+    Raises:
+      ValueError: a constraint that gives no real numbers.
+    """
+    found = []
+    for number, constraint in enumerate(constraints):
+        slack = jnp.ravel(jnp.asarray(constraint(robot)))
+        if not jnp.issubdtype(slack.dtype, jnp.floating):
+            raise ValueError(
+                f"Got constraint {number} of dtype {slack.dtype}; expected real numbers that are >= 0 where it is "
+                "kept: a margin, not whether there is one."
+            )
+        found.append(slack)
+    return tuple(found)
+
+
+def joined(slacks: Slacks) -> jax.Array:
     """All entries of all constraints."""
-    each = [jnp.ravel(jnp.asarray(constraint(robot))) for constraint in constraints]
-    return jnp.concatenate(each) if each else jnp.zeros(0)
+    return jnp.concatenate(slacks) if slacks else jnp.zeros(0)
+
+
+def _with_joined(found: tuple[jax.Array, Slacks]) -> tuple[jax.Array, jax.Array]:
+    return found[0], joined(found[1])
 
 
 def _held(slope: jax.Array, unit: jax.Array) -> jax.Array:

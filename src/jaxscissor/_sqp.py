@@ -5,13 +5,14 @@ The robots are evaluated in one vmapped program; the small quadratic programs ar
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from jaxscissor._descent import Evaluate, Seen, Sight, Step, of_each_start
+from jaxscissor._descent import ALLOWED, Evaluate, Seen, Sight, Step, joined, of_each_start
 from jaxscissor._pytree import pytree
 
 _WEIGHT = 10.0  # of a violation in the merit at first; more than the price of any constraint
@@ -52,12 +53,8 @@ class Program:
     best: Seen
 
 
-def sqp_stepper(evaluate: Evaluate) -> Step:
-    """The function ``step(state, own, shared, raises)`` of one step of all starts, as of ``stepper``.
-
-    A trust region on the exact penalty, with second-order correction [Fletcher, Practical Methods of Optimization,
-    14.4]: the model is the Lagrangian's quadratic, by damped BFGS, under linearized constraints.
-    """
+def linearizer(evaluate: Evaluate) -> Callable[..., Any]:
+    """The program that gives ``((slopes, rows), (objectives, slacks))`` of all starts."""
 
     @jax.jit
     def seen(units, own, shared):
@@ -65,15 +62,26 @@ def sqp_stepper(evaluate: Evaluate) -> Step:
             flat, rebuild = ravel_pytree(unit)
 
             def both(flat):
-                pair = evaluate(rebuild(flat), own, shared)
-                return pair, pair
+                value, slacks = evaluate(rebuild(flat), own, shared)
+                return (value, joined(slacks)), (value, slacks)
 
             return jax.jacfwd(both, has_aux=True)(flat)
 
         return of_each_start(one, (0, 0))(units, own)
 
+    return seen
+
+
+def sqp_stepper(seen: Callable[..., Any]) -> Step:
+    """The function ``step(state, own, shared, raises)`` of one step of all starts, as of ``stepper``.
+
+    A trust region on the exact penalty, with second-order correction [Fletcher, Practical Methods of Optimization,
+    14.4]: the model is the Lagrangian's quadratic, by damped BFGS, under linearized constraints.
+    """
+
     def step(state: Program, own, shared, raises):
-        (slope, rows), (value, slack) = jax.tree.map(np.asarray, seen(state.units, own, shared))
+        (slope, rows), (value, slacks) = jax.tree.map(np.asarray, seen(state.units, own, shared))
+        slack = np.concatenate(slacks, axis=1) if slacks else np.zeros((len(value), 0), value.dtype)
         near = Linear(value, slope, slack, rows)
         fall, near = _fall(state, near)
         flat = _flat(state.units)
@@ -88,7 +96,7 @@ def sqp_stepper(evaluate: Evaluate) -> Step:
         low, high = np.maximum(-at, -radius[:, None]), np.minimum(1 - at, radius[:, None])
         move, multipliers, change = _model_minimum(model, curvature, low, high, weight)
         violation = np.maximum(-np.where(np.isnan(slack), -np.inf, slack), 0).max(axis=1, initial=0)
-        best = _where(taken, Seen(state.units, value, violation), state.best)
+        best = _better(state.best, Seen(state.units, value, violation))
         units = _unflat(np.clip(at + move, 0, 1), state.units)
         promised = weight * near.short() - change
         moved = Program(units, at, near, curvature, radius, promised, again, weight, multipliers, best)
@@ -101,7 +109,7 @@ def sqp_stepper(evaluate: Evaluate) -> Step:
 def sqp_begun(units: Any, own: Any, shared: Any, *, evaluate: Evaluate) -> Program:
     """All starts before their first step."""
     first = jax.tree.map(lambda leaf: leaf[0], (units, own))
-    many = jax.eval_shape(evaluate, *first, shared)[1].shape[0]
+    many = sum(slack.shape[0] for slack in jax.eval_shape(evaluate, *first, shared)[1])
     flat = _flat(units)
     starts, size = flat.shape
     unseen, zero, none = np.full(starts, np.inf), np.zeros(starts), np.zeros((starts, many))
@@ -212,7 +220,7 @@ def _learned(state: Program, flat: np.ndarray, near: Linear, finite: np.ndarray)
     """The curvature of the Lagrangian after a step, by BFGS with Powell's damping."""
     known = finite & np.isfinite(state.near.value)
     bends = np.einsum("sm,smn->sn", state.multipliers, near.rows - state.near.rows)
-    step, change = flat - state.at, near.slope - state.near.slope - bends
+    step, change = flat - state.at, np.where(known[:, None], near.slope - state.near.slope - bends, 0)
     pushed = np.einsum("sij,sj->si", state.curvature, step)
     own, seen = (step * pushed).sum(axis=1), (step * change).sum(axis=1)
     known = known & (own > 0)
@@ -223,6 +231,13 @@ def _learned(state: Program, flat: np.ndarray, near: Linear, finite: np.ndarray)
     update = change[:, :, None] * change[:, None] / length[:, None, None]
     update -= pushed[:, :, None] * pushed[:, None] / own[:, None, None]
     return state.curvature + np.where(known[:, None, None], update, 0)
+
+
+def _better(old: Seen, new: Seen) -> Seen:
+    """The better of two designs of every start: kept constraints first, then the objective."""
+    old_short, short = (np.maximum(seen.violation - ALLOWED, 0) for seen in (old, new))
+    wins = np.isfinite(new.objective) & ((short < old_short) | ((short == old_short) & (new.objective < old.objective)))
+    return _where(wins, new, old)
 
 
 def _where(chosen: np.ndarray, new: Any, old: Any) -> Any:

@@ -6,7 +6,7 @@ import dataclasses
 import enum
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,20 +21,21 @@ from jaxscissor._descent import (
     Descent,
     Evaluate,
     Seen,
-    Sight,
     Step,
     adam,
     begun,
     between,
     drawn_units,
-    held_back,
+    joined,
     slacks_of,
     start_units,
     stepper,
 )
+from jaxscissor._prices import Prices, prices_of
 from jaxscissor._progress import progress
-from jaxscissor._pytree import as_floats, pytree, static
-from jaxscissor._sqp import sqp_begun, sqp_stepper
+from jaxscissor._pytree import as_floats, broadcast, pytree, static
+from jaxscissor._scaling import Scale, first_scale, sampled_slopes
+from jaxscissor._sqp import linearizer, sqp_begun, sqp_stepper
 from jaxscissor.regions import Sample
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class DesignStatus(enum.IntEnum):
     NOT_IMPROVED = 1
     INFEASIBLE = 2
     NONFINITE = 3
+    IMPOSSIBLE = 4
 
 
 class StopReason(enum.IntEnum):
@@ -63,7 +65,11 @@ class StopReason(enum.IntEnum):
 
 @pytree
 class Starts:
-    """Best design of every start, on a leading axis: parameters, objective and largest violation."""
+    """Best design of every start, on a leading axis: parameters, objective and largest violation.
+
+    A violation counts in units of the greatest slope that the constraint's entries have at the first start, across
+    the bounds.
+    """
 
     params: Any
     objective: jax.Array
@@ -81,23 +87,6 @@ class History:
     objective: jax.Array
     violation: jax.Array
     multipliers: jax.Array
-
-
-@pytree
-class Prices:
-    """What holds a design back: by how much its objective would fall per unit of everything that binds it.
-
-    Attributes:
-      constraints: ``(constraints,)`` per unit by which a constraint is loosened, one for every entry.
-      low, high: like the parameters, per unit by which a bound is moved outward; zero where it is not reached.
-      rest: largest slope, per width of the bounds, that no constraint and no bound explains; zero at a
-        minimum, so it says how far the other prices can be trusted.
-    """
-
-    constraints: jax.Array
-    low: Any
-    high: Any
-    rest: jax.Array
 
 
 @pytree
@@ -127,8 +116,10 @@ class DesignResult:
       starts: ``Starts``, the best of each.
       prices: ``Prices``, which constraints and bounds hold the design back.
       status: ``IMPROVED``; ``NOT_IMPROVED`` on the parameters given; ``INFEASIBLE`` if no design kept the
-        constraints; ``NONFINITE`` if no start had a finite objective.
+        constraints; ``NONFINITE`` if no start had a finite objective with a finite gradient; ``IMPOSSIBLE`` if
+        ``build`` refuses the best design.
       reason: ``STEPS`` if all were taken, ``SETTLED`` if the objective no longer fell.
+      message: what is to be known besides, such as a gradient that is zero or not finite; or nothing.
     """
 
     params: Any
@@ -139,6 +130,7 @@ class DesignResult:
     prices: Prices
     status: DesignStatus = static()
     reason: StopReason = static()
+    message: str = static(default="")
 
     def certify(self, metric: Callable[[Any], Any], constraints: Sequence[Callable[[Any], Any]] = ()) -> Certificate:
         """Compare the robot with the initial one by a metric, a hard one on a dense sample of its own.
@@ -153,7 +145,9 @@ class DesignResult:
           True
         """
         values = [jnp.asarray(metric(robot)) for robot in (self.initial, self.robot)]
-        slacks = [jnp.min(slacks_of(constraints, robot), initial=jnp.inf) for robot in (self.initial, self.robot)]
+        slacks = [
+            jnp.min(joined(slacks_of(constraints, robot)), initial=jnp.inf) for robot in (self.initial, self.robot)
+        ]
         return Certificate(*values, *slacks)
 
 
@@ -175,7 +169,8 @@ def optimize_design(
 ) -> DesignResult:
     """Minimize ``objective(build(params))`` within bounds and under constraints, by gradient.
 
-    The parameters are scaled to their bounds. By default each step is one of sequential quadratic programming,
+    The parameters are scaled to their bounds, objective and constraints to their first slopes, so that no unit matters.
+    By default each step is one of sequential quadratic programming,
     which follows the constraints that bind and ends on them within rounding after some tens of steps. An
     optimizer of optax is given the gradient of an augmented Lagrangian, and its steps are projected onto the
     bounds. All starts run in one vmapped program. As under ``jax.jit``, what the functions read besides their
@@ -183,7 +178,7 @@ def optimize_design(
     or poses, compiles nothing.
 
     Args:
-      objective: metric of a robot, a scalar of order one; to maximize, give its negative.
+      objective: metric of a robot, a scalar; to maximize, give its negative.
       params: any pytree of numbers, or a robot. The first start.
       bounds: (low, high), two pytrees like ``params``, finite. Equal bounds keep a number fixed.
       steps: steps of the optimizer.
@@ -191,8 +186,9 @@ def optimize_design(
       optimizer: of optax, acting on parameters scaled to [0, 1]; ``optax.lbfgs()`` will do. It is the better
         choice for hundreds of parameters, each of which costs the default a derivative of every constraint.
         With batches the default is Adam, with a learning rate that decays from 0.03 by a cosine.
-      constraints: functions of a robot, of order one, satisfied where every entry is >= 0. An entry that is
-        ``nan``, of a pose that is not reached, counts as violated but does not pull: give the margin, too.
+      constraints: functions of a robot, satisfied where every entry is >= 0; all entries of one in the same unit. An
+        entry that is ``nan``, of a pose that is not reached, counts as violated but does not pull: give the
+        margin, too.
       starts: number of starts; those after the first are the best among random designs, 64 per start.
       seed: of the random designs.
       poses: ``(n, d)`` poses, or a sample of a region, for an ``objective(robot, poses)``.
@@ -205,12 +201,13 @@ def optimize_design(
 
     Returns:
       ``DesignResult`` with the best design that any step saw and that violates no constraint by more
-      than 1e-3.
+      than a thousandth of the slope that it has at first across the bounds.
 
     Raises:
       ValueError: bounds that are not finite, out of order, or of another structure than ``params``;
-        params outside them, or of which no robot can be built; fewer than one step or start; batches
-        without poses, or larger than all of them, or with a tolerance; the checkpoint of another optimization.
+        params outside them, or of which no robot can be built; an objective that is no number, a constraint that
+        is no real numbers, an optimizer that is not optax's; fewer than one step or start; batches without
+        poses, or larger than all of them, or with a tolerance; the checkpoint of another optimization.
 
     Example:
       >>> result = optimize_design(lambda x: (x - 2.0) ** 2, 0.5, bounds=(0.0, 1.0), steps=50)
@@ -218,12 +215,19 @@ def optimize_design(
       (1.0, 'IMPROVED', 2.0)
     """
     _check_counts(steps, starts, poses, batch_size, tolerance)
+    if optimizer is not None and not hasattr(optimizer, "update"):
+        raise ValueError(f"Got optimizer={optimizer!r}; expected one of optax, such as optax.adam(0.01), or None.")
     params, low, high = checked_bounds(params, bounds)
     initial = build(params)  # at once: it may refuse the parameters
     poses = poses if poses is None or isinstance(poses, Sample) else jnp.asarray(poses)
     programs = _programs(objective, build, tuple(constraints), optimizer, steps, batch_size)
-    numbers = (low, high, poses)
-    units = _screened(programs, numbers, start_units(params, low, high), starts, seed)
+    given = start_units(params, low, high)
+    one = np.ones((), jax.tree.leaves(low)[0].dtype)
+    plain = (low, high, poses, Scale(one, (one,) * len(constraints))), jnp.uint32(0)
+    first = programs.slopes(given, (), plain)
+    scale, sizes = first_scale(first)
+    numbers = low, high, poses, scale
+    units = _screened(programs, numbers, given, starts, seed)
     state = programs.begin(units, (), (numbers, jnp.uint32(0)))
 
     def step(state, number, raises):
@@ -239,9 +243,10 @@ def optimize_design(
             "constraints": list(map(qualified_name, constraints)),
             "optimizer": optimizer and traced(step, state, 0, False),
         }
-    run = _run(step, state, steps, tolerance, checkpoint, job)
-    sight = step(dataclasses.replace(run.state, units=run.state.best.units), 0, False)[1]
-    best, sight = jax.tree.map(jnp.asarray, (run.state.best, sight))
+    unit, each = float(scale.objective), scale.of_entries(sizes)
+    small = None if tolerance is None else tolerance / unit
+    run = _run(step, state, steps, small, checkpoint, job, unit)
+    best = jax.tree.map(jnp.asarray, run.state.best)
     started = run.log[0][0, 0], run.log[1][0, 0]
     if batch_size is not None:
         judged = jax.tree.map(lambda first, others: jnp.concatenate([first[:1], others]), units, best.units)
@@ -250,15 +255,18 @@ def optimize_design(
     chosen, status = _chosen(best, started)
     all_params = jax.vmap(between, (0, None, None))(best.units, low, high)
     design = jax.tree.map(lambda leaf: leaf[chosen], all_params)
+    refusal = _refusal(build, design)
+    log = run.log[0] * unit, run.log[1], run.log[2] * (unit / each)
     return DesignResult(
         params=design,
         robot=programs.build(design),  # which refuses nothing, so that a design that is no robot is returned, too
         initial=initial,
-        history=History(*map(jnp.asarray, run.log)),
-        starts=Starts(all_params, best.objective, best.violation),
-        prices=_prices(jax.tree.map(lambda leaf: leaf[chosen], (sight, best.units)), low, high),
-        status=status,
+        history=History(*map(jnp.asarray, log)),
+        starts=Starts(all_params, best.objective * unit, best.violation),
+        prices=prices_of(*_last(programs, step, run.state, numbers), chosen, (low, high), unit, each),
+        status=DesignStatus.IMPOSSIBLE if refusal and status <= DesignStatus.NOT_IMPROVED else status,
         reason=run.reason,
+        message=" ".join(filter(None, [refusal, *_hints(first, given)])),
     )
 
 
@@ -266,6 +274,7 @@ class _Programs(NamedTuple):
     """The compiled functions of an optimization; bounds and poses are their arguments."""
 
     evaluate: Evaluate
+    slopes: Callable[..., Any]  # (units, own, shared) -> ((slopes, rows), ...) of all starts
     step: Step
     begin: Callable[..., Any]  # (units, own, shared) -> the state before the first step
     screen: Callable[..., Any]  # (units, numbers) -> objectives over the first batch, violations
@@ -279,27 +288,51 @@ def _programs(
 ) -> _Programs:
     """The programs of these functions; a second optimization of the same ones compiles nothing."""
 
-    def evaluate(unit, _, shared, size=batch_size):
+    def measured(unit, _, shared, size=batch_size):
         (low, high, poses), number = shared
         robot = build(between(unit, low, high))
-        return jnp.asarray(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
+        return _number(objective(robot, *_batch(poses, size, number))), slacks_of(constraints, robot)
+
+    def evaluate(unit, own, shared, size=batch_size):
+        (*numbers, scale), number = shared
+        value, slacks = measured(unit, own, (numbers, number), size)
+        return value / scale.objective, tuple(slack / one for slack, one in zip(slacks, scale.slacks, strict=True))
 
     def screen(units: Any, numbers: Any, size: int | None = batch_size, together: int | None = _TOGETHER):
         def one(unit):
-            objective, slack = evaluate(unit, (), (numbers, jnp.uint32(0)), size)
+            objective, slacks = evaluate(unit, (), (numbers, jnp.uint32(0)), size)
+            slack = joined(slacks)
             short = jnp.max(jnp.maximum(-jnp.where(jnp.isnan(slack), -jnp.inf, slack), 0), initial=ALLOWED)
             return objective, jnp.where(jnp.isfinite(objective), short, jnp.inf)
 
         return jax.lax.map(one, units, batch_size=together)
 
     if optimizer is None and batch_size is None:
-        step, begin = sqp_stepper(evaluate), partial(sqp_begun, evaluate=evaluate)
+        slopes = linearizer(evaluate)
+        step, begin = sqp_stepper(slopes), partial(sqp_begun, evaluate=evaluate)
     else:
+        slopes = sampled_slopes(evaluate)
         optimizer = optimizer or adam(steps)
         step = stepper(evaluate, optimizer, comparable=batch_size is None)
         begin = partial(begun, optimizer=optimizer, evaluate=evaluate)
     judge = jax.jit(partial(screen, size=None, together=None))
-    return _Programs(evaluate, step, begin, jax.jit(screen), judge, jax.jit(build))
+    return _Programs(evaluate, slopes, step, begin, jax.jit(screen), judge, jax.jit(build))
+
+
+def _last(programs: _Programs, step: Callable[..., Any], state: Any, numbers: Any) -> tuple[Any, Any, Any]:
+    """The best designs, what a step sees there, and objectives and slacks with their slopes if all are known."""
+    units = state.best.units
+    sight = step(dataclasses.replace(state, units=units), 0, False)[1]
+    (slopes, rows), (_, slacks) = programs.slopes(units, (), (numbers, jnp.uint32(0)))
+    slack = np.concatenate([np.asarray(s, float) for s in slacks] or [np.zeros((len(slopes), 0))], axis=1)
+    return units, sight, (slack, None if isinstance(state, Descent) else (slopes, rows))
+
+
+def _number(value: Any) -> jax.Array:
+    value = jnp.asarray(value)
+    if value.shape or not jnp.issubdtype(value.dtype, jnp.floating):
+        raise ValueError(f"Got an objective of shape {value.shape} and {value.dtype}; expected one real number.")
+    return value
 
 
 def _traced(programs: _Programs, units: Any, numbers: Any) -> Any:
@@ -327,7 +360,13 @@ class _Run(NamedTuple):
 
 
 def _run(
-    step: Callable[..., Any], state: Descent, steps: int, tolerance: Any, checkpoint: Any, job: dict[str, Any]
+    step: Callable[..., Any],
+    state: Descent,
+    steps: int,
+    tolerance: Any,
+    checkpoint: Any,
+    job: dict[str, Any],
+    unit: float,
 ) -> _Run:
     """All steps, or those that a checkpoint lacks."""
     log = _empty_log(steps + 1, state)
@@ -336,7 +375,7 @@ def _run(
         done, (state, saved) = restore(path, job, (state, log))
         log = tuple(np.array(column) for column in saved)
     numbers = range(done, steps + 1)
-    for number in progress(numbers, "design", "step", lambda i: f"objective {np.nanmin(log[0][i]):.5f}"):
+    for number in progress(numbers, "design", "step", lambda i: f"objective {unit * np.nanmin(log[0][i]):.5f}"):
         if tolerance is not None and _settled(log, number, max(steps // 5, PERIOD), tolerance):
             return _Run(state, tuple(column[:number] for column in log), StopReason.SETTLED)
         log[2][number] = state.multipliers
@@ -393,14 +432,20 @@ def checked_bounds(params: Any, bounds: tuple[Any, Any]) -> tuple[Any, Any, Any]
     if len(structures) > 1:
         raise ValueError(f"Got params and bounds of different structure: {sorted(structures)}.")
     params, low, high = as_floats(params, low, high)
-    low, high = (jax.tree.map(lambda b, p: jnp.broadcast_to(b, p.shape), bound, params) for bound in (low, high))
-    leaves = zip(*(jax.tree.leaves(tree) for tree in (params, low, high)), strict=True)
-    for value, a, b in leaves:
+    low, high = (jax.tree_util.tree_map_with_path(_spread_out, params, bound) for bound in (low, high))
+    names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(params)]
+    leaves = zip(names, *(jax.tree.leaves(tree) for tree in (params, low, high)), strict=True)
+    for name, value, a, b in leaves:
+        own = f" of {name}" if name else ""
         if not np.all(np.isfinite(a) & np.isfinite(b) & (np.asarray(a) <= np.asarray(b))):
-            raise ValueError(f"Got bounds {a} and {b}; expected finite numbers, low <= high.")
+            raise ValueError(f"Got bounds {a} and {b}{own}; expected finite numbers, low <= high.")
         if not np.all((np.asarray(a) <= np.asarray(value)) & (np.asarray(value) <= np.asarray(b))):
-            raise ValueError(f"Got params {value} outside their bounds {a} to {b}.")
+            raise ValueError(f"Got params {value}{own} outside their bounds {a} to {b}.")
     return params, low, high
+
+
+def _spread_out(path: Any, value: jax.Array, bound: jax.Array) -> jax.Array:
+    return broadcast(f"bounds {jax.tree_util.keystr(path)}".rstrip(), bound, value.shape)
 
 
 def _chosen(best: Seen, started: tuple[Any, Any]) -> tuple[int, DesignStatus]:
@@ -415,14 +460,33 @@ def _chosen(best: Seen, started: tuple[Any, Any]) -> tuple[int, DesignStatus]:
     return chosen, DesignStatus.IMPROVED if improved else DesignStatus.NOT_IMPROVED
 
 
-def _prices(seen: tuple[Sight, Any], low: Any, high: Any) -> Prices:
-    sight, unit = seen
-    held = held_back(sight.gradient, unit)
-    free = jax.tree.map(lambda g, h: jnp.max(jnp.abs(g - h)), sight.gradient, held)
+def _refusal(build: Callable[[Any], Any], design: Any) -> str:
+    """Why no robot can be built of a design; nothing if one can."""
+    try:
+        build(design)
+    except ValueError as error:
+        return f"The best design describes no robot: {error}"
+    return ""
 
-    def price(sign):
-        return jax.tree.map(
-            lambda h, a, b: jnp.maximum(sign * h, 0) / jnp.where(b > a, b - a, jnp.inf), held, low, high
+
+def _hints(first: Any, given: Any) -> Iterator[str]:
+    """What the first slopes say about an optimization that cannot go on as it should."""
+    (slope, rows), (value, slacks) = jax.tree.map(lambda leaf: np.asarray(leaf[0]), first)
+    leaves = jax.tree_util.tree_leaves_with_path(given)
+    parts = np.split(np.vstack([slope, *rows]), np.cumsum([leaf[0].size for _, leaf in leaves])[:-1], axis=1)
+    names = [jax.tree_util.keystr(path) or "the parameter" for path, _ in leaves]
+    broken = [name for name, part in zip(names, parts, strict=True) if not np.isfinite(part[0]).all()]
+    still = [name for name, part in zip(names, parts, strict=True) if not part.any()]
+    if broken and np.isfinite(value):
+        yield f"The objective is finite at the start, but its derivative is not: by {', '.join(broken)}."
+    if not slope.any():
+        yield (
+            "The derivative of the objective is zero at the start: a stationary point, or an objective that has none, "
+            "such as a count of poses (workspace_fraction), for which soft_workspace_fraction and "
+            "exact_workspace_fraction stand in."
         )
-
-    return Prices(sight.multipliers, price(1), price(-1), jnp.max(jnp.stack(jax.tree.leaves(free))))
+    elif still:
+        yield f"Neither the objective nor a constraint depends on {', '.join(still)} at the start."
+    for number, slack in enumerate(slacks):
+        if slack.size and np.isnan(slack).all():
+            yield f"Constraint {number} is nan at the start, in every entry."

@@ -18,6 +18,7 @@ from jaxscissor._descent import (
     begun,
     between,
     drawn_units,
+    joined,
     slacks_of,
     start_units,
     stepper,
@@ -149,8 +150,13 @@ def _programs(
         return _scalar(values, weight, spread), slack
 
     optimizer = optimizer or adam(steps)
+
+    def judged(unit, bounds):
+        values, slacks = measured(unit, bounds)
+        return values, joined(slacks)
+
     begin = functools.partial(begun, optimizer=optimizer, evaluate=evaluate)
-    return _Programs(stepper(evaluate, optimizer), begin, jax.jit(jax.vmap(measured, (0, None))))
+    return _Programs(stepper(evaluate, optimizer), begin, jax.jit(jax.vmap(judged, (0, None))))
 
 
 def optimize_choices(

@@ -1,0 +1,65 @@
+"""Units in which objective and constraints have a slope of one at first, so that an optimizer knows none of theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from jaxscissor._descent import Evaluate
+
+
+class Scale(NamedTuple):
+    """Units of the objective and of the constraints: their greatest slopes at first."""
+
+    objective: Any  # ()
+    slacks: tuple[Any, ...]  # one per constraint
+
+    def of_entries(self, sizes: Sequence[int]) -> np.ndarray:
+        """The unit of every entry, for constraints of so many."""
+        return np.repeat(np.asarray(self.slacks, float), sizes)
+
+
+def sampled_slopes(evaluate: Evaluate) -> Callable[..., Any]:
+    """As ``linearizer``, but all rows of a constraint are alike: their root mean square, estimated.
+
+    It is that of a sum of the entries with random signs, which costs one derivative a constraint, not one an entry.
+    """
+
+    def one(unit, shared):
+        def projected(unit):
+            value, slacks = evaluate(unit, (), shared)
+            signs = [jax.random.rademacher(jax.random.key(i), s.shape, s.dtype) for i, s in enumerate(slacks)]
+            sums = [jnp.sum(jnp.where(jnp.isnan(s), 0, s) * sign) for s, sign in zip(slacks, signs, strict=True)]
+            return (value, sums), (value, slacks)
+
+        (slope, rows), (value, slacks) = jax.jacrev(projected, has_aux=True)(unit)
+        slope, *rows = (ravel_pytree(row)[0] for row in (slope, *rows))
+        each = [jnp.tile(row / np.sqrt(max(s.size, 1)), (s.size, 1)) for row, s in zip(rows, slacks, strict=True)]
+        return (slope, jnp.concatenate(each) if each else jnp.zeros((0, len(slope)))), (value, slacks)
+
+    return jax.jit(lambda units, _, shared: jax.vmap(one, (0, None))(units, shared))
+
+
+def first_scale(seen: Any) -> tuple[Scale, list[int]]:
+    """The units that follow from the first start, and how many entries each constraint has.
+
+    Args:
+      seen: ``((slopes, rows), (objectives, slacks))`` as of ``linearizer``, in units of one. A slope that is zero
+        or not finite leaves the unit as it is.
+    """
+    (slope, rows), (value, slacks) = seen
+    sizes = [slack.shape[1] for slack in slacks]
+    lengths = np.sqrt(np.sum(np.asarray(rows[0], float) ** 2, axis=1))
+    parts = np.split(lengths, np.cumsum(sizes)[:-1]) if sizes else []
+    greatest = [np.max(part[np.isfinite(part)], initial=0) for part in parts]
+    steep = float(np.sqrt(np.sum(np.asarray(slope[0], float) ** 2)))
+
+    def one(size, like):
+        return np.asarray(size if np.isfinite(size) and size > 0 else 1, like.dtype)
+
+    return Scale(one(steep, value), tuple(one(g, s) for g, s in zip(greatest, slacks, strict=True))), sizes
