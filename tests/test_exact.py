@@ -141,6 +141,7 @@ def test_the_prototype_reaches_the_same_part_whichever_way_the_rays_run(prototyp
         ({"region": js.Disc([0.0, 0.0], 1.0, 0.0, 1.0)}, "region of poses"),
         ({"axes": (3,)}, "axes 0 to 2"),
         ({"axes": ()}, "axes 0 to 2"),
+        ({"region": js.Box([0, 0, 0.8, 0, 0, 0], [0.1, 0.1, 0.8, 0, 0, 0]), "axes": (0, 2)}, r"no extent along \[2\]"),
         ({"rays": 0}, "at least one"),
         ({"cells": 0}, "at least one"),
     ],

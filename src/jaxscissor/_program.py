@@ -37,9 +37,9 @@ def program(*static: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
     return lambda function: _program(function, static, _PLAIN)
 
 
-def run_once(function: Callable[P, T]) -> Callable[P, T]:
-    """The function as a program that is not worth optimizing."""
-    return jax.jit(function, compiler_options=_UNOPTIMIZED)
+def run_once(function: Callable[P, T], **options: Any) -> Callable[P, T]:
+    """The function as a program that is not worth optimizing; ``options`` as of ``jax.jit``."""
+    return jax.jit(function, compiler_options=_UNOPTIMIZED, **options)
 
 
 def keyed(body: Callable[..., T]) -> Callable[..., T]:

@@ -42,8 +42,8 @@ def status_message(code: Any) -> str:
     """One sentence for a status code.
 
     Example:
-      >>> status_message(3)
-      'proved to have no solution: the robot cannot be assembled there'
+      >>> status_message(0)
+      'converged in the home mode, or in the mode of the guess'
     """
     return _MESSAGES[Status(int(code))]
 

@@ -7,11 +7,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxscissor._matrices import singular_values
+from jaxscissor._matrices import inverse, is_regular, singular_values
 from jaxscissor._numerics import safe_divide, safe_sqrt
 from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats, pytree
-from jaxscissor.jacobians import twist_jacobian
+from jaxscissor.jacobians import constraint_rows, twist_jacobian
 from jaxscissor.mechanisms._contract import Mechanism, checked_freedoms, checked_pose
 
 
@@ -34,12 +34,18 @@ class GearRatios:
 def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
     """Spatial gear ratios: reciprocal singular values of the twist Jacobian's blocks [ICRA16 eqs. 18, 34-35].
 
+    Each is the ratio of a translation without rotation, or of a rotation about the reference point, to the motion of
+    the actuators. A platform that cannot move freely has no such motions in general: of robots with constraints on the
+    pose the ratios are the singular values of both blocks of the twist per unit of actuator motion, over the motions
+    that exist, zero where there are fewer, and the vertical one is the greatest rate of z.
+
     Args:
       robot: the robot; every array in it is differentiable.
       pose: ``(d,)`` in the base frame.
 
     Returns:
-      ``GearRatios``; the vertical one is 1 / |column z|. All ``nan`` where the home mode does not exist.
+      ``GearRatios``; the vertical one is 1 / |column z| where nothing is bound. All ``nan`` where the home mode does
+      not exist, or the constraints and the actuators leave the platform loose.
 
     Raises:
       ValueError: wrong shape; a robot with fewer actuated joints than freedoms.
@@ -54,6 +60,9 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
     checked_freedoms(robot, more=True)
     usable, matrix = twist_jacobian(robot, pose)
     linear = robot.space.translations
+    bound = constraint_rows(robot, pose)
+    if bound is not None:
+        return _bound_ratios(robot, usable, matrix, bound)
     any_matrix = jnp.eye(*matrix.shape, dtype=matrix.dtype)
     matrix = jnp.where(usable, matrix, any_matrix)
 
@@ -64,6 +73,23 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
 
     vertical = _vertical(usable, matrix) if linear == 3 else None
     return GearRatios(ratios(matrix[:, :linear]), ratios(matrix[:, linear:]), vertical)
+
+
+def _bound_ratios(robot: Mechanism, usable: Any, matrix: jax.Array, bound: jax.Array) -> GearRatios:
+    """The ratios of a platform that the constraints' rows bind, from the joints' rows and theirs together."""
+    whole = jnp.concatenate([matrix, bound])
+    usable = usable & is_regular([list(row) for row in whole])
+    per_joint = inverse(jnp.where(usable, whole, jnp.eye(len(whole), dtype=whole.dtype)))[:, : len(matrix)]
+    linear = robot.space.translations
+
+    def sizes(block):
+        if not len(block):
+            return jnp.zeros(0, block.dtype)
+        filled = jnp.pad(block.T, [(0, max(len(block) - block.shape[1], 0)), (0, 0)])
+        return jnp.where(usable, singular_values(filled)[::-1], jnp.nan)
+
+    rise = jnp.where(usable, safe_sqrt(jnp.sum(per_joint[2] ** 2)), jnp.nan) if linear == 3 else None
+    return GearRatios(sizes(per_joint[:linear]), sizes(per_joint[linear:]), rise)
 
 
 def _vertical(usable: Any, matrix: jax.Array) -> jax.Array:

@@ -16,7 +16,8 @@ from jaxscissor._batching import CHUNK
 from jaxscissor._bracket import last_inside
 from jaxscissor._fence import fence
 from jaxscissor._numerics import safe_divide
-from jaxscissor._pytree import as_floats, float_dtype
+from jaxscissor._program import run_once
+from jaxscissor._pytree import as_floats, float_dtype, is_concrete
 from jaxscissor._sweep import Plan, add_up, planned
 from jaxscissor.mechanisms._contract import Mechanism
 from jaxscissor.regions import Box, Region, Sample, pose_shape
@@ -93,7 +94,8 @@ def exact_workspace_fraction(
       does not move.
 
     Raises:
-      ValueError: a region of poses of another dimension, axes it does not have, fewer than one ray or cell;
+      ValueError: a region of poses of another dimension, axes it does not have or along which it has no extent,
+        fewer than one ray or cell;
         a checkpoint of another job, or one under ``jit`` or ``vmap``.
 
     Example:
@@ -127,12 +129,28 @@ def _check(robot: Mechanism, region: Region, rays: int, axes: tuple[int, ...], c
         raise ValueError(f"Got rays={rays} and cells={cells}; expected at least one of each.")
     if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(range(dimension)):
         raise ValueError(f"Got axes={axes}; expected some of the axes 0 to {dimension - 1} of the region's unit cube.")
+    if is_concrete(region):
+        with jax.ensure_compile_time_eval():
+            flat = [axis for axis, moves in zip(axes, _moved(region, axes), strict=True) if not moves]
+        if flat:
+            raise ValueError(
+                f"Got axes={axes}, but the region has no extent along {flat}; rays need some. Its axes are 0 to "
+                f"{dimension - 1}, in the order of its unit cube."
+            )
     shape = pose_shape(region)
     if shape[-1] != robot.space.dimension:
         raise ValueError(
             f"Got a region of poses {shape}; {type(robot).__name__} expects ({robot.space.dimension},) = "
             f"({', '.join(robot.space.names)})."
         )
+
+
+@partial(run_once, static_argnums=1)
+def _moved(region: Region, axes: tuple[int, ...]) -> tuple[jax.Array, ...]:
+    """Whether the poses of a region change along each axis of its unit cube."""
+    middle = jnp.full(region.unit_dimension, 0.4, float_dtype(region))
+    ends = [[region.from_unit(middle.at[axis].set(end)) for end in (0.1, 0.6)] for axis in axes]
+    return tuple(jnp.any(one != other) for one, other in ends)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))

@@ -106,6 +106,21 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
     return usable, jnp.where(usable, matrix, 0)
 
 
+def constraint_rows(robot: Mechanism, pose: jax.Array) -> jax.Array | None:
+    """d constraints / d twist at a pose ``(constraints, d)``; ``None`` of a robot without any."""
+    finite = jnp.all(jnp.isfinite(pose))
+    position, rotation = robot.space.place(jnp.where(finite, pose, robot.home()[0]))
+    still = tuple(jnp.zeros_like(pose[0]) for _ in range(robot.space.dimension))
+
+    def equations(twist):
+        return tuple(robot.constraints(*robot.space.nudge(position, rotation, twist)))
+
+    if not jax.eval_shape(equations, still):
+        return None
+    _, rows = value_and_jacobian(equations, still)
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
 @jax.jit
 def leg_jacobian(leg: Any, attachment: Any, joints: Joints) -> tuple[Scalar, jax.Array]:
     """J_S of one leg: whether invertible, and d joints / d attachment, ``(joints, numbers)`` [ICRA16 eq. 21]."""

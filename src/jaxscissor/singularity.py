@@ -33,7 +33,7 @@ class Singularity:
       type2: ``()``, zero where the platform can move while the actuators rest: two assembly modes meet.
         Within -1 and 1.
       joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest.
-      platform_motion: ``(d,)`` twist closest to one with the actuators at rest.
+      platform_motion: ``(d,)`` twist that the constraints allow, closest to one with the actuators at rest.
       status: as of ``inverse_kinematics``.
     """
 
@@ -60,9 +60,11 @@ def singularity(robot: Mechanism, pose: Any, *, joints: Any = None) -> Singulari
 
     With A and B the derivatives of the closure by twist and actuated joints, the passive joints eliminated,
     A t + B dq = 0, the type-2 measure is det A / sqrt(det(A A^T + B B^T)), and a leg's type-1 measure the
-    same with its own B instead of A in front and the platform's translations in A: coordinates of the space
-    of motions, which are free of the scale of the equations. Lengths count in units of the robot's length.
-    Of robots with constraints on the pose, these belong to A [RAL17 eqs. 16-18, NAV19 eqs. 1-6].
+    same with its own B instead of A in front and the platform's translations and its rotations about the leg's
+    end in A: coordinates of the space of motions, which are free of the scale of the equations. Lengths count in
+    units of the robot's length [RAL17 eqs. 16-18, NAV19 eqs. 1-6]. Of robots with constraints on the pose, these
+    stand below A, and their norms in the denominator, so that the type-2 measure is zero also where they or they
+    and the legs depend on each other (a constraint singularity).
 
     Args:
       robot: the robot; every array in it is differentiable.
@@ -111,12 +113,30 @@ def _singularity(robot: Mechanism, pose: jax.Array, joints: Any) -> Singularity:
 def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):
     """Both measures at given joints, and the matrix they come from."""
     matrix = fence(closure_matrix(robot, position, rotation, joints))
-    d, linear = robot.space.dimension, robot.space.translations
+    d = robot.space.dimension
     rows = [matrix[columns[0] - d : columns[-1] + 1 - d] for columns in leg_columns(robot)]  # one per joint
     own = [block[:, columns[0] : columns[-1] + 1] for block, columns in zip(rows, leg_columns(robot), strict=True)]
-    moved = [block[:, :linear] for block in rows]
+    seen = fence(robot.attachments(position, rotation))
+    moved = [_about_its_end(robot, block[:, :d], position, end) for block, end in zip(rows, seen, strict=True)]
     type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
     return type1, _type2(robot, matrix), matrix
+
+
+def _about_its_end(robot: Mechanism, by_twist: jax.Array, position: Vec, attachment: Any) -> jax.Array:
+    """The columns of a leg's twist with rotations about the point that it holds, so that those it allows do not count.
+
+    Turning about that point carries the platform's reference point along; the translation that this takes is added.
+    """
+    linear = robot.space.translations
+    vectors = [v for v in jax.tree.leaves(attachment, is_leaf=lambda x: isinstance(x, Vec)) if isinstance(v, Vec)]
+    if linear in (0, robot.space.dimension) or not vectors:
+        return by_twist
+    arm = (vectors[0] - position).array() / robot.length
+    if linear == 2:
+        carried = jnp.stack([arm[1], -arm[0]])[:, None]
+    else:
+        carried = -jnp.cross(jnp.eye(3, dtype=arm.dtype), arm[None]).T
+    return jnp.concatenate([by_twist[:, :linear], by_twist[:, linear:] + by_twist[:, :linear] @ carried], axis=1)
 
 
 def _alone(own: jax.Array, moved: jax.Array) -> Scalar:
@@ -136,12 +156,15 @@ def _type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
     if reduced is not None:
         matrix, passive = reduced, []
     twist, driven, free = matrix[:, :d], matrix[:, jnp.array(actuated)], matrix[:, jnp.array(passive, int)]
+    legs = len(actuated) + len(passive)  # rows; those of the constraints follow
     # det(N A A^T N^T + N B B^T N^T) for any N that eliminates the passive columns, without choosing one
-    gram = fence(twist @ twist.T + driven @ driven.T)
+    gram = fence(twist[:legs] @ twist[:legs].T + driven[:legs] @ driven[:legs].T)
     corner = jnp.zeros((len(passive), len(passive)), gram.dtype)
-    bordered = jnp.block([[gram, free], [free.T, corner]]) if passive else gram
+    bordered = jnp.block([[gram, free[:legs]], [free[:legs].T, corner]]) if passive else gram
+    bound = jnp.prod(jnp.sum(twist[legs:] ** 2, axis=1))
     return safe_divide(
-        small_determinant(jnp.concatenate([twist, free], axis=1)), safe_sqrt(jnp.abs(small_determinant(bordered)))
+        small_determinant(jnp.concatenate([twist, free], axis=1)),
+        safe_sqrt(jnp.abs(small_determinant(bordered)) * bound),
     )
 
 
@@ -218,9 +241,30 @@ def _motions(robot: Mechanism, matrix: jax.Array) -> tuple[jax.Array, jax.Array]
     """Right singular vectors of the least singular values: joints with the platform at rest, twist with actuators."""
     d = robot.space.dimension
     joints = [null_vector(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in leg_columns(robot)]
-    twist = null_vector(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])[:d]
+    twist = null_vector(_with_constraints_first(robot, matrix[:, jnp.array([*range(d), *passive_columns(robot)])]))[:d]
     scale = jnp.where(jnp.arange(d) < robot.space.translations, robot.length, 1)
     return jnp.stack(joints), scale * twist * safe_divide(1, safe_sqrt(jnp.sum(twist**2)))
+
+
+def _with_constraints_first(robot: Mechanism, matrix: jax.Array) -> jax.Array:
+    """The matrix with the legs' rows freed from motions that are bound, and those bound more than any leg binds.
+
+    The constraints' rows are made orthonormal one after the other; one that depends on those before binds nothing.
+    """
+    legs = sum(map(len, robot.actuation()))
+    rows, bound = matrix[:legs], list(matrix[legs:])
+    if not bound:
+        return matrix
+    eps = float(jnp.finfo(matrix.dtype).eps)
+    for i, row in enumerate(bound):
+        rest = row
+        for before in bound[:i]:
+            rest = rest - before * jnp.sum(before * row)
+        size, whole = safe_sqrt(jnp.sum(rest**2)), safe_sqrt(jnp.sum(row**2))
+        bound[i] = rest * jnp.where(size > 16 * eps * whole, safe_divide(1, size), 0)
+    for row in bound:
+        rows = rows - jnp.sum(rows * row[None], axis=1)[:, None] * row[None]
+    return jnp.concatenate([rows, jnp.stack(bound) * safe_sqrt(jnp.sum(matrix[:legs] ** 2))])
 
 
 def small_determinant(matrix: jax.Array) -> Scalar:

@@ -20,15 +20,21 @@ def check_methods(cls: type, checks: Mapping[str, Check]) -> None:
     for name, check in checks.items():
         method = cls.__dict__.get(name)
         if isinstance(method, property) and method.fget is not None:
-            setattr(cls, name, property(_checked(method.fget, check), doc=method.__doc__))
+            setattr(cls, name, property(_checked(method.fget, name, check), doc=method.__doc__))
         elif callable(method):
-            setattr(cls, name, _checked(method, check))
+            setattr(cls, name, _checked(method, name, check))
 
 
-def _checked(method: Callable[..., Any], check: Check) -> Callable[..., Any]:
+def _checked(method: Callable[..., Any], name: str, check: Check) -> Callable[..., Any]:
     @functools.wraps(method)
     def call(self: Any, *args: Any) -> Any:
-        return check(self, method(self, *args), *args)
+        given = method(self, *args)
+        own = getattr(type(self), name)
+        if (
+            getattr(own, "fget", own) is not call
+        ):  # called by the method of a subclass, which makes something else of it
+            return given
+        return check(self, given, *args)
 
     return call
 
@@ -85,14 +91,14 @@ def checked_attachments(self: Any, seen: Any, position: Any, rotation: Any) -> A
     """One attachment per leg."""
     if not isinstance(seen, (list, tuple)) or hasattr(seen, "components"):
         raise refuse(self, "attachments(position, rotation)", seen, "a list with what each leg sees of the platform")
-    return cast(list(seen), jnp.result_type(position.components[0]))
+    return cast(list(seen), _dtype((position, rotation)))
 
 
 def checked_constraints(self: Any, constraints: Any, position: Any, rotation: Any) -> Any:
     """Equations, one number each."""
     if not numbers(constraints):
         raise refuse(self, "constraints(position, rotation)", constraints, "a list with one number per equation")
-    return cast(list(constraints), jnp.result_type(position.components[0]))
+    return cast(list(constraints), _dtype((position, rotation)))
 
 
 def checked_home(self: Any, home: Any) -> tuple[Any, Any]:
@@ -166,8 +172,8 @@ def checked_solutions(self: Any, solutions: Any, attachment: Any) -> Any:
     return cast(tuple(solutions), _dtype(attachment))
 
 
-def _dtype(attachment: Any) -> Any:
-    return jnp.result_type(jax.tree.leaves(attachment)[0])
+def _dtype(tree: Any) -> Any:
+    return jnp.result_type(jax.tree.leaves(tree)[0])
 
 
 ROBOT: Mapping[str, Check] = {

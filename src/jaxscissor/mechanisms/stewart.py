@@ -183,8 +183,9 @@ def _check(robot: StewartGough) -> None:
 
 def _is_loose(robot: StewartGough) -> bool:
     """Whether the lines of the legs are linearly dependent at three poses of no symmetry, and so at all."""
-    base, platform, length = (np.asarray(x, float) for x in (robot.base, robot.platform, robot.length))
+    base, platform = (np.asarray(x, float) for x in (robot.base, robot.platform))
     base, platform = base - base.mean(axis=0), platform - platform.mean(axis=0)
+    length = np.linalg.norm(base)
     least = []
     for number in range(3):
         turn, move = np.random.default_rng(number).uniform(-1, 1, (2, 3))

@@ -1,0 +1,86 @@
+"""Measures of robots whose platform is bound: over the motions that exist, and zero where they end."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxscissor as js
+from jaxscissor.singularity import closure_matrix
+from tests.bound_robots import AgileEye, FiveBar, ThreeUPU
+from tests.toys import ThreePRS
+
+
+@pytest.mark.parametrize("build", [ThreePRS.example, lambda: ThreeUPU(0.5, 0.25), lambda: FiveBar(0.1)])
+def test_gear_ratios_are_those_of_differences_along_the_constraints(build):
+    robot, step = build(), 1e-6
+    home, free = np.asarray(robot.home()[0]), [i for i, n in enumerate(robot.space.names) if n not in robot.dependent]
+    numbers = np.arange(len(home))
+    start = home + 0.03 * float(robot.length) * np.isin(numbers, free) * (numbers - 1.5)
+
+    def moved(by):
+        pose = js.constrained_pose(robot, start + by).value
+        return pose, js.inverse_kinematics(robot, pose).value
+
+    pose = moved(0 * home)[0]
+    ends = [[moved(sign * step * np.eye(len(home))[i]) for sign in (1, -1)] for i in free]
+    rates, joints = (np.stack([np.asarray(a[k] - b[k]) for a, b in ends], axis=1) / (2 * step) for k in (0, 1))
+    twist = np.asarray(robot.space.rates_to_twist(pose)) @ rates @ np.linalg.inv(joints)
+    found, linear = js.gear_ratios(robot, pose), robot.space.translations
+    for block, ratios in ((twist[:linear], found.translation), (twist[linear:], found.rotation)):
+        sizes = np.zeros(len(block))
+        some = np.linalg.svd(block, compute_uv=False)
+        sizes[: len(some)] = some
+        np.testing.assert_allclose(ratios, sizes[::-1], atol=1e-7 * twist.max())
+    if linear == 3:
+        assert float(found.vertical) == pytest.approx(np.linalg.norm(twist[2]), rel=1e-7)
+
+
+def test_type_2_goes_to_zero_where_the_constraints_leave_the_platform_loose():
+    """It jumped from one value to its negative there, both rows vanishing from numerator and denominator."""
+    robot = ThreeUPU(0.5, 0.25)
+
+    def measure(x):
+        return js.singularity(robot, jnp.array([x, 0.0, 0.8, 0.0, 0.0, 0.0])).type2
+
+    values = np.array([float(measure(0.5 + d)) for d in (-1e-2, -1e-4, -1e-6, 0.0, 1e-6, 1e-4, 1e-2)])
+    assert abs(values[3]) < 1e-15 and (values[:3] > 0).all() and (values[4:] < 0).all()
+    slopes = values[[0, 1, 2, 4, 5, 6]] / np.array([-1e-2, -1e-4, -1e-6, 1e-6, 1e-4, 1e-2])
+    np.testing.assert_allclose(slopes, slopes[2], rtol=0.05)
+    assert float(jax.grad(measure)(0.5 - 1e-6)) == pytest.approx(slopes[2], rel=1e-3)
+
+
+def test_type_1_of_a_leg_on_a_sphere_goes_to_zero_where_it_is_stretched():
+    """Translations alone stood in its denominator, of which such a leg has none: it was +-1 everywhere."""
+    robot = AgileEye(1.2)
+    for away in (1e-2, 1e-4, 1e-6):
+        pose = np.array([0.0, 0.0, 0.0, 0.0, 1.2 - away, 0.0])
+        fastest = np.abs(js.inverse_jacobian(robot, pose)).max()
+        type1 = np.abs(js.singularity(robot, pose).type1).min()
+        assert type1 * fastest == pytest.approx(1, rel=0.05)  # the one goes to zero as the other grows
+
+
+@pytest.mark.parametrize("build", [js.TripleScissorExtender.prototype, js.NavaroII.prototype])
+def test_rotations_that_a_leg_allows_do_not_count_in_its_type_1(build):
+    """The legs of the TSE and of NaVARo II hold a point: translations say it all."""
+    robot = build()
+    home, joints = robot.home()
+    matrix = np.asarray(closure_matrix(robot, *robot.space.place(home), joints))
+    d, linear, size = robot.space.dimension, robot.space.translations, len(robot.actuation()[0])
+    for i, type1 in enumerate(np.asarray(js.singularity(robot, home).type1)):
+        rows = matrix[i * size : (i + 1) * size]
+        own, moved = rows[:, d + i * size : d + (i + 1) * size], rows[:, :linear]
+        whole = np.linalg.det(own @ own.T + moved @ moved.T)
+        assert type1 == pytest.approx(np.linalg.det(own) / np.sqrt(whole), rel=1e-9)
+
+
+def test_the_loosest_motion_is_one_that_exists():
+    pose = np.array([0.1, 0.3, 0.0])
+    motion = np.asarray(js.singularity(FiveBar(0.1), pose).platform_motion)
+    assert motion[2] == 0 and np.linalg.norm(motion[:2]) == pytest.approx(0.1)  # in units of the robot's length
+    tilted = js.constrained_pose(ThreePRS.example(), np.array([0.0, 0.0, 0.8, 0.2, 0.1, 0.0])).value
+    robot, step = ThreePRS.example(), 1e-6
+    motion = np.asarray(js.singularity(robot, tilted).platform_motion)
+    position, rotation = robot.space.place(tilted)
+    ends = [robot.constraints(*robot.space.retract(position, rotation, sign * step * motion)) for sign in (1, -1)]
+    assert np.abs(np.subtract(*ends)).max() / (2 * step) < 1e-9
