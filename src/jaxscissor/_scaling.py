@@ -14,7 +14,7 @@ from jaxscissor._descent import Evaluate
 
 
 class Scale(NamedTuple):
-    """Units of the objective and of the constraints: their greatest slopes at first."""
+    """Units of the objective and of the constraints: the lengths of their first slopes, of many the median."""
 
     objective: Any  # ()
     slacks: tuple[Any, ...]  # one per constraint
@@ -56,10 +56,11 @@ def first_scale(seen: Any) -> tuple[Scale, list[int]]:
     sizes = [slack.shape[1] for slack in slacks]
     lengths = np.sqrt(np.sum(np.asarray(rows[0], float) ** 2, axis=1))
     parts = np.split(lengths, np.cumsum(sizes)[:-1]) if sizes else []
-    greatest = [np.max(part[np.isfinite(part)], initial=0) for part in parts]
+    # the median, for at a kink one entry of many may be as steep as rounding makes it
+    usual = [np.median(part[np.isfinite(part) & (part > 0)]) if np.any(part > 0) else 0 for part in parts]
     steep = float(np.sqrt(np.sum(np.asarray(slope[0], float) ** 2)))
 
     def one(size, like):
         return np.asarray(size if np.isfinite(size) and size > 0 else 1, like.dtype)
 
-    return Scale(one(steep, value), tuple(one(g, s) for g, s in zip(greatest, slacks, strict=True))), sizes
+    return Scale(one(steep, value), tuple(one(g, s) for g, s in zip(usual, slacks, strict=True))), sizes

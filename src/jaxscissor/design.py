@@ -67,7 +67,7 @@ class StopReason(enum.IntEnum):
 class Starts:
     """Best design of every start, on a leading axis: parameters, objective and largest violation.
 
-    A violation counts in units of the greatest slope that the constraint's entries have at the first start, across
+    A violation counts in units of the median slope that the constraint's entries have at the first start, across
     the bounds.
     """
 
