@@ -129,6 +129,12 @@ def _check(robot: Mechanism, region: Region, rays: int, axes: tuple[int, ...], c
         raise ValueError(f"Got rays={rays} and cells={cells}; expected at least one of each.")
     if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(range(dimension)):
         raise ValueError(f"Got axes={axes}; expected some of the axes 0 to {dimension - 1} of the region's unit cube.")
+    shape = pose_shape(region)
+    if shape[-1] != robot.space.dimension:
+        raise ValueError(
+            f"Got a region of poses {shape}; {type(robot).__name__} expects ({robot.space.dimension},) = "
+            f"({', '.join(robot.space.names)})."
+        )
     if is_concrete(region):
         with jax.ensure_compile_time_eval():
             flat = [axis for axis, moves in zip(axes, _moved(region, axes), strict=True) if not moves]
@@ -137,12 +143,6 @@ def _check(robot: Mechanism, region: Region, rays: int, axes: tuple[int, ...], c
                 f"Got axes={axes}, but the region has no extent along {flat}; rays need some. Its axes are 0 to "
                 f"{dimension - 1}, in the order of its unit cube."
             )
-    shape = pose_shape(region)
-    if shape[-1] != robot.space.dimension:
-        raise ValueError(
-            f"Got a region of poses {shape}; {type(robot).__name__} expects ({robot.space.dimension},) = "
-            f"({', '.join(robot.space.names)})."
-        )
 
 
 @partial(run_once, static_argnums=1)
