@@ -58,7 +58,8 @@ class Planar3RPR(js.Mechanism):
         return [position + rotation @ js.Vec(*self.platform[i]) for i in range(3)]
 
     def home(self):
-        pose = jnp.array([0.45, 0.35, 0.8], self.base.dtype)
+        unit = self.length / math.sqrt(1.01)  # that of the example is one
+        pose = jnp.stack([0.45 * unit, 0.35 * unit, jnp.full_like(unit, 0.8)])
         position, rotation = self.space.place(pose)
         legs = self.legs()
         joints = []
