@@ -1,12 +1,14 @@
 """Measures of robots whose platform is bound: over the motions that exist, and zero where they end."""
 
+import types
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxscissor as js
-from jaxscissor.singularity import closure_matrix
+from jaxscissor.singularity import _about_its_end, closure_matrix
 from tests.bound_robots import AgileEye, FiveBar, ThreeUPU
 from tests.toys import ThreePRS
 
@@ -84,3 +86,26 @@ def test_the_loosest_motion_is_one_that_exists():
     position, rotation = robot.space.place(tilted)
     ends = [robot.constraints(*robot.space.retract(position, rotation, sign * step * motion)) for sign in (1, -1)]
     assert np.abs(np.subtract(*ends)).max() / (2 * step) < 1e-9
+
+
+class Lifted:
+    """Positions in space and a turn about the vertical: a space with fewer rotations than space has."""
+
+    dimension, names, translations = 4, ("x", "y", "z", "yaw"), 3
+
+    @staticmethod
+    def nudge(position, rotation, twist):
+        return js.SE3.nudge(position, rotation, (*twist[:3], 0 * twist[3], 0 * twist[3], twist[3]))
+
+
+def test_the_leg_end_is_found_in_a_space_of_ones_own():
+    """A rotation about the point that a leg holds moves nothing of the leg, whatever rotations the space has."""
+    robot = js.TripleScissorExtender.prototype()
+    home, joints = robot.home()
+    position, rotation = robot.space.place(home)
+    seen = robot.attachments(position, rotation)
+    by_twist = np.asarray(closure_matrix(robot, position, rotation, joints))[:2, :6]
+    lifted = types.SimpleNamespace(space=Lifted, length=robot.length)
+    for one, columns in ((robot, range(6)), (lifted, [0, 1, 2, 5])):
+        about = _about_its_end(one, jnp.asarray(by_twist[:, list(columns)]), position, rotation, seen[0])
+        assert np.abs(about[:, 3:]).max() < 1e-15

@@ -117,12 +117,15 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
     rows = [matrix[columns[0] - d : columns[-1] + 1 - d] for columns in leg_columns(robot)]  # one per joint
     own = [block[:, columns[0] : columns[-1] + 1] for block, columns in zip(rows, leg_columns(robot), strict=True)]
     seen = fence(robot.attachments(position, rotation))
-    moved = [_about_its_end(robot, block[:, :d], position, end) for block, end in zip(rows, seen, strict=True)]
+    cases = zip(rows, seen, strict=True)
+    moved = [_about_its_end(robot, block[:, :d], position, rotation, end) for block, end in cases]
     type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
     return type1, _type2(robot, matrix), matrix
 
 
-def _about_its_end(robot: Mechanism, by_twist: jax.Array, position: Vec, attachment: Any) -> jax.Array:
+def _about_its_end(
+    robot: Mechanism, by_twist: jax.Array, position: Vec, rotation: Rotation, attachment: Any
+) -> jax.Array:
     """The columns of a leg's twist with rotations about the point that it holds, so that those it allows do not count.
 
     Turning about that point carries the platform's reference point along; the translation that this takes is added.
@@ -131,11 +134,14 @@ def _about_its_end(robot: Mechanism, by_twist: jax.Array, position: Vec, attachm
     vectors = [v for v in jax.tree.leaves(attachment, is_leaf=lambda x: isinstance(x, Vec)) if isinstance(v, Vec)]
     if linear in (0, robot.space.dimension) or not vectors:
         return by_twist
-    arm = (vectors[0] - position).array() / robot.length
-    if linear == 2:
-        carried = jnp.stack([arm[1], -arm[0]])[:, None]
-    else:
-        carried = -jnp.cross(jnp.eye(3, dtype=arm.dtype), arm[None]).T
+    arm = (vectors[0] - position) * (1 / robot.length)
+    body = Vec(*(column.dot(arm) for column in rotation.columns))
+
+    def turned(turn):
+        twist = (*(jnp.zeros_like(turn[0]) for _ in range(linear)), *turn)
+        return (robot.space.nudge(position, rotation, twist)[1] @ body).array()[:linear]
+
+    carried = -jax.jacfwd(turned)(jnp.zeros(robot.space.dimension - linear, by_twist.dtype))
     return jnp.concatenate([by_twist[:, :linear], by_twist[:, linear:] + by_twist[:, :linear] @ carried], axis=1)
 
 
