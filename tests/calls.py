@@ -62,6 +62,7 @@ def calls_of(robot):
         "task_metrics": partial(js.task_metrics, robot, poses),
         "workspace_fraction": partial(js.workspace_fraction, robot, sample),
         "soft_workspace_fraction": partial(js.soft_workspace_fraction, robot, sample),
+        "soft_workspace_gradient": partial(js.soft_workspace_gradient, robot, sample),
         "its gradient": partial(jax.grad(js.soft_workspace_fraction), robot, sample),
         "exact_workspace_fraction": partial(js.exact_workspace_fraction, robot, box, rays=16, cells=8),
         "binding_limits": partial(js.binding_limits, robot, sample),

@@ -8,9 +8,22 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from jaxscissor.mechanisms._contract import angular_joints
 from jaxscissor.singularity import _about_its_end, closure_matrix
 from tests.bound_robots import AgileEye, FiveBar, ThreeUPU
 from tests.toys import ThreePRS
+
+
+@pytest.mark.parametrize("mode", [1, 3, 8])
+def test_gear_ratios_count_a_motor_that_turns_as_the_length_of_the_robot_per_radian(mode):
+    robot = js.NavaroII.prototype(mode)
+    pose = robot.home()[0] + jnp.array([4.0, -3.0, 0.1])
+    turns = np.array(robot.actuation())[:, 0]
+    jacobian = np.asarray(js.inverse_jacobian(robot, pose)) * np.where(turns, 90.0, 1.0)[:, None]
+    found = js.gear_ratios(robot, pose)
+    sizes = 1 / np.linalg.svd(jacobian[:, :2], compute_uv=False)
+    np.testing.assert_allclose(found.translation, sizes, rtol=1e-12)
+    np.testing.assert_allclose(found.rotation, 1 / np.linalg.norm(jacobian[:, 2:]), rtol=1e-12)
 
 
 @pytest.mark.parametrize("build", [ThreePRS.example, lambda: ThreeUPU(0.5, 0.25), lambda: FiveBar(0.1)])
@@ -22,7 +35,7 @@ def test_gear_ratios_are_those_of_differences_along_the_constraints(build):
 
     def moved(by):
         pose = js.constrained_pose(robot, start + by).value
-        return pose, js.inverse_kinematics(robot, pose).value
+        return pose, np.where(angular_joints(robot), robot.length, 1) * js.inverse_kinematics(robot, pose).value
 
     pose = moved(0 * home)[0]
     ends = [[moved(sign * step * np.eye(len(home))[i]) for sign in (1, -1)] for i in free]

@@ -1,6 +1,7 @@
 """Regions, feasibility at the boundary, workspace fractions and their gradients."""
 
 import math
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from scipy.stats import kstest
 
 import jaxscissor as js
 from tests.conftest import as_users
-from tests.toys import Planar3RPR
+from tests.toys import LinearDelta, Planar3RPR
 
 
 def test_samples_are_lazy_and_indexed_alike(rng):
@@ -152,6 +153,25 @@ def test_soft_gradients_differentiate_the_soft_fraction(prototype):
     assert float(jax.jacfwd(soft)(at)) == pytest.approx(float(difference), rel=1e-6)
     batch = jax.jit(jax.vmap(jax.grad(soft)))(jnp.stack([at, 1.1 * at]))
     assert float(batch[0]) == pytest.approx(float(difference), rel=1e-6)
+
+
+def test_a_soft_gradient_comes_with_the_error_that_independent_samples_show():
+    robot, poses = LinearDelta.example(), 2000
+    low, high = (robot.home()[0] + side * 0.5 * robot.length for side in (-1, 1))
+    drawn = jax.random.uniform(jax.random.key(0), (64, poses, 3), low.dtype, minval=low, maxval=high)
+    found = jax.vmap(partial(js.soft_workspace_gradient, robot, sharpness=30.0))(drawn)
+    whole = js.soft_workspace_gradient(robot, drawn.reshape(-1, 3), sharpness=30.0)
+    for given, error, most, least in zip(
+        *map(jax.tree.leaves, (found.gradient, found.error, whole.gradient, whole.error)), strict=True
+    ):
+        # 64 samples know a spread to 1 / sqrt(2 * 63) = 9 %
+        error = float(jnp.sqrt(jnp.mean(error**2)))
+        assert float(jnp.std(given)) == pytest.approx(error, rel=0.3)
+        assert float(jnp.mean(given)) == pytest.approx(float(most), rel=1e-9)
+        assert error == pytest.approx(8 * float(least), rel=0.02)
+    plain = jax.value_and_grad(js.soft_workspace_fraction)(robot, drawn[0], sharpness=30.0)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b[0], rtol=1e-9), plain, (found.value, found.gradient))
+    assert all(bool(jnp.isnan(x)) for x in jax.tree.leaves(js.soft_workspace_gradient(robot, drawn[0, :1]).error))
 
 
 def test_soft_gradients_approach_the_derivative_of_the_hard_fraction():

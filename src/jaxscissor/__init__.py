@@ -101,6 +101,7 @@ from jaxscissor.tradeoffs import ParetoFront as ParetoFront
 from jaxscissor.tradeoffs import optimize_choices as optimize_choices
 from jaxscissor.tradeoffs import pareto_front as pareto_front
 from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
+from jaxscissor.workspace import soft_workspace_gradient as soft_workspace_gradient
 from jaxscissor.workspace import workspace_fraction as workspace_fraction
 
 __version__ = importlib.metadata.version("jaxscissor")

@@ -23,8 +23,8 @@ from jaxscissor.kinematics import forward_kinematics, inverse_kinematics, residu
 from jaxscissor.mechanisms._contract import (
     Joints,
     Mechanism,
+    angular_joints,
     checked_freedoms,
-    joint_places,
     leg_residual,
     legs_of,
     seen_by_legs,
@@ -241,14 +241,9 @@ def _drawn(robot: Any, count: int, seed: int) -> jax.Array:
 
 def _apart(robot: Any, one: jax.Array, other: jax.Array) -> float:
     """Largest difference of two sets of joints, lengths in units of the robot's, angles around the circle."""
-    difference = np.array(one - other)
-    angular = robot.legs().angular
-    for places in joint_places(robot):
-        for i, number in enumerate(places):
-            x = difference[number]
-            turned = angular and angular[i]
-            difference[number] = np.arctan2(np.sin(x), np.cos(x)) if turned else x / float(robot.length)
-    return float(np.abs(difference).max())
+    x = np.asarray(one - other)
+    turned = np.arctan2(np.sin(x), np.cos(x))
+    return float(np.abs(np.where(angular_joints(robot), turned, x / float(robot.length))).max())
 
 
 def _at(poses: jax.Array, wrong: np.ndarray, what: str) -> str:

@@ -8,16 +8,22 @@ import jax
 import jax.numpy as jnp
 
 from jaxscissor._matrices import inverse, is_regular, singular_values
-from jaxscissor._numerics import safe_divide, safe_sqrt
+from jaxscissor._numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._program import one_pose
 from jaxscissor._pytree import as_floats, pytree
 from jaxscissor.jacobians import constraint_rows, twist_jacobian
-from jaxscissor.mechanisms._contract import Mechanism, checked_freedoms, checked_pose
+from jaxscissor.mechanisms._contract import (
+    Mechanism,
+    actuated_mask,
+    angular_joints,
+    checked_freedoms,
+    checked_pose,
+)
 
 
 @pytree
 class GearRatios:
-    """Platform motion per motion of the actuators.
+    """Platform motion per motion of the actuators, of which one that turns moves by the robot's length per radian.
 
     Attributes:
       translation: ``(3,)`` or ``(2,)``, ascending, dimensionless.
@@ -58,7 +64,7 @@ def gear_ratios(robot: Mechanism, pose: Any) -> GearRatios:
     """
     robot, pose = checked_pose(robot, pose)
     checked_freedoms(robot, more=True)
-    usable, matrix = twist_jacobian(robot, pose)
+    usable, matrix = _lengths_by_twist(robot, pose)
     linear = robot.space.translations
     bound = constraint_rows(robot, pose)
     if bound is not None:
@@ -90,6 +96,13 @@ def _bound_ratios(robot: Mechanism, usable: Any, matrix: jax.Array, bound: jax.A
 
     rise = jnp.where(usable, safe_sqrt(jnp.sum(per_joint[2] ** 2)), jnp.nan) if linear == 3 else None
     return GearRatios(sizes(per_joint[:linear]), sizes(per_joint[linear:]), rise)
+
+
+def _lengths_by_twist(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array]:
+    """The twist Jacobian with every actuated joint as a length: a norm over turns and lengths would know the unit."""
+    usable, matrix = twist_jacobian(robot, pose)
+    turns = [angle for angle, used in zip(angular_joints(robot), actuated_mask(robot), strict=True) if used]
+    return usable, matrix * jnp.where(jnp.array(turns), robot.length, 1)[:, None]
 
 
 def _vertical(usable: Any, matrix: jax.Array) -> jax.Array:
@@ -126,6 +139,6 @@ def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -
 
     def ratio(height):
         pose = jnp.zeros(robot.space.dimension, height.dtype).at[2].set(height)
-        return _vertical(*twist_jacobian(robot, pose)) / _vertical(*twist_jacobian(reference, pose))
+        return _vertical(*_lengths_by_twist(robot, pose)) / _vertical(*_lengths_by_twist(reference, pose))
 
     return jax.vmap(ratio)(heights.ravel()).reshape(heights.shape)

@@ -12,7 +12,7 @@ from jax import lax
 
 from jaxscissor._program import keyed, program
 from jaxscissor.kinematics import inverse_kinematics
-from jaxscissor.mechanisms._contract import Mechanism, joint_places
+from jaxscissor.mechanisms._contract import Mechanism, angular_joints
 from jaxscissor.regions import Region, Sample
 
 _PROBES = 32  # points around the best one, in every step
@@ -101,7 +101,7 @@ def joint_range(robot: Mechanism, region: Region, *, samples: int = 2048, starts
     """
     _check(samples, starts)
     home = robot.home()[1]
-    angular = _angular(robot)
+    angular = jnp.array(angular_joints(robot))
 
     def joints(pose):
         solution = inverse_kinematics(robot, pose)
@@ -121,13 +121,6 @@ def joint_range(robot: Mechanism, region: Region, *, samples: int = 2048, starts
 def _check(samples: int, starts: int) -> None:
     if not 1 <= starts <= samples:
         raise ValueError(f"Got samples={samples} and starts={starts}; expected 1 <= starts <= samples.")
-
-
-def _angular(robot: Mechanism) -> jax.Array:
-    places = joint_places(robot)
-    flags = robot.legs().angular or (False,) * len(places[0])
-    order = sorted((place, flag) for leg in places for place, flag in zip(leg, flags, strict=True))
-    return jnp.array([flag for _, flag in order])
 
 
 @keyed

@@ -22,6 +22,7 @@ from jaxscissor.kinematics import inverse_kinematics
 from jaxscissor.mechanisms._contract import (
     Mechanism,
     actuated_mask,
+    angular_joints,
     checked_pose,
     closure,
     join_joints,
@@ -30,7 +31,7 @@ from jaxscissor.mechanisms._contract import (
     split_joints,
 )
 from jaxscissor.mechanisms.per_leg import PerLeg, copies_of
-from jaxscissor.singularity import closure_matrix, leg_columns, passive_columns
+from jaxscissor.singularity import closure_matrix, passive_columns
 
 _LANES = 4096  # samples solved together
 
@@ -258,12 +259,10 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
 
 def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
     """Derivative of the closure by the actuated joints, in their order and units."""
-    mask, angular, column_of = actuated_mask(robot), robot.legs().angular, {}
-    for columns, places in zip(leg_columns(robot), joint_places(robot), strict=True):
-        for i, (column, joint) in enumerate(zip(columns, places, strict=True)):
-            unit = 1 if angular and angular[i] else robot.length
-            column_of[joint] = matrix[:, column] / unit
-    return jnp.stack([column_of[i] for i, actuated in enumerate(mask) if actuated], axis=1)
+    column_of = {joint: robot.space.dimension + i for i, joint in enumerate(sum(joint_places(robot), ()))}
+    units = [1 if angle else robot.length for angle in angular_joints(robot)]
+    driven = [i for i, actuated in enumerate(actuated_mask(robot)) if actuated]
+    return jnp.stack([matrix[:, column_of[i]] / units[i] for i in driven], axis=1)
 
 
 def _sample(

@@ -186,6 +186,14 @@ def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
     return tuple(mask[i] for i in range(len(mask)))
 
 
+def angular_joints(robot: Mechanism) -> tuple[bool, ...]:
+    """Which entries of the array of all joints are angles."""
+    flags: dict[int, bool] = {}
+    for places in joint_places(robot):
+        flags |= dict(zip(places, robot.legs().angular or (False,) * len(places), strict=True))
+    return tuple(flags[i] for i in range(len(flags)))
+
+
 def split_joints(robot: Mechanism, joints: Any) -> list[Joints]:
     """The joints of each leg, from the array of all of them."""
     every = joint_places(robot)
