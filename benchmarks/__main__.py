@@ -35,7 +35,7 @@ def contest(count, rounds):
     poses, robot = tse_poses(count), library.tse()
     on_device = jnp.asarray(poses)
     program, compiled = phases(library.inverse, robot, on_device)
-    fraction, compiled_fraction = phases(js.workspace_fraction, robot, on_device)
+    fraction, compiled_fraction = phases(js.workspace.fraction, robot, on_device)
     plain, simd, optimistix = peers.cpp("plain"), peers.cpp("simd"), peers.optimistix_newton()
     fewer, few = poses[: max(count // 50, 100)], poses[: max(count // 2000, 100)]
     runs = {

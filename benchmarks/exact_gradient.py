@@ -226,7 +226,7 @@ def accuracy(name, case, rays, reference_rays):
         for count in counts:
 
             def fraction(change, count=count, axes=axes):
-                return js.exact_workspace_fraction(case.robot(change), case.region, rays=count, axes=axes)
+                return js.workspace.ray_fraction(case.robot(change), case.region, rays=count, axes=axes)
 
             value, gradient = jax.jit(jax.value_and_grad(fraction))(jnp.zeros(len(case.names)))
             found = errors(np.array([value, *gradient]), reference)
@@ -246,8 +246,8 @@ def cost(counts):
     rows = []
     for count in counts:
         functions = {
-            "soft": partial(js.soft_workspace_fraction, poses=cylinder.quasi_random(count)),
-            "exact": partial(js.exact_workspace_fraction, region=cylinder, rays=count // 64),
+            "soft": partial(js.workspace.soft_fraction, poses=cylinder.quasi_random(count)),
+            "exact": partial(js.workspace.ray_fraction, region=cylinder, rays=count // 64),
         }
         for name, function in functions.items():
             programs = {"value": jax.jit(function), "both": jax.jit(jax.value_and_grad(function))}

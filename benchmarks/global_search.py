@@ -1,4 +1,4 @@
-"""``optimize_design`` against differential evolution and CMA-ES, on two design problems.
+"""``design.optimize`` against differential evolution and CMA-ES, on two design problems.
 
 All three see the same objective and constraints and the same bounds, start at random, and run on the same
 cores one after another. The two searches evaluate their populations in one vmapped call and add ten times the
@@ -22,8 +22,7 @@ from examples import design_tse_fuselage, design_tse_workspace
 from jax.flatten_util import ravel_pytree
 
 import jaxscissor as js
-import jaxscissor._sqp as sqp
-from jaxscissor import design
+from jaxscissor.design import _methods, _optimize
 
 PROBLEMS = {"fuselage": design_tse_fuselage, "workspace": design_tse_workspace}
 STEPS = {"fuselage": 40, "workspace": 20}
@@ -99,13 +98,13 @@ def first_robot(problem, judge, seed):
 
 
 def descent(problem, judge, seed, steps, starts):
-    """``optimize_design`` from a random design and the best of others.
+    """``design.optimize`` from a random design and the best of others.
 
     Every call makes programs of its own: the time up to the end of the first step counts as compilation, and
     the random designs as what the same number takes in the compiled program of the other searches.
     """
     params = first_robot(problem, judge, seed)
-    seconds, stepper, screened = [], sqp.sqp_stepper, design._screened
+    seconds, stepper, screened = [], _methods.sqp_step, _optimize._screened
 
     def clocked(function):
         def one(*args):
@@ -126,10 +125,10 @@ def descent(problem, judge, seed, steps, starts):
     judge.begin()
     began = time.perf_counter()
     with (
-        unittest.mock.patch.object(design, "sqp_stepper", lambda evaluate: clocked(stepper(evaluate))),
-        unittest.mock.patch.object(design, "_screened", screen),
+        unittest.mock.patch.object(_methods, "sqp_step", lambda evaluate: clocked(stepper(evaluate))),
+        unittest.mock.patch.object(_optimize, "_screened", screen),
     ):
-        result = js.optimize_design(**{**problem, "params": params}, steps=steps, starts=starts, seed=seed)
+        result = js.design.optimize(**{**problem, "params": params}, steps=steps, starts=starts, seed=seed)
     least = np.where(result.history.violation <= ALLOWED, result.history.objective, np.inf).min(axis=1)
     clock = screening[0] + np.array(seconds)[: steps + 1] - seconds[0]
     counts = starts * (64 + np.arange(1, steps + 2))

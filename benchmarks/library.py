@@ -41,14 +41,14 @@ def functions(count):
     few = max(count // 10, 1)
     joints = inverse(robot, poses[:few]).value
     single = tse(jnp.float32), poses.astype(jnp.float32)
-    soft = js.soft_workspace_fraction
+    soft = js.workspace.soft_fraction
     optimizer = optax.adam(1e-3)
 
     def mapped(function):
         return jax.vmap(function, (None, 0))
 
     rays = count // 100
-    exact = partial(js.exact_workspace_fraction, region=js.Cylinder(robot.length / 2, robot.length), rays=rays)
+    exact = partial(js.workspace.ray_fraction, region=js.Cylinder(robot.length / 2, robot.length), rays=rays)
 
     def design_step(robot, poses):
         gradient = jax.grad(soft)(robot, poses)
@@ -61,8 +61,8 @@ def functions(count):
         "forward kinematics": (mapped(js.forward_kinematics), (robot, joints), few),
         "inverse Jacobian": (mapped(partial(js.inverse_jacobian, rates="twist")), (robot, poses), count),
         "singular values": (mapped(js.gear_ratios), (robot, poses[:few]), few),
-        "hard fraction": (js.workspace_fraction, (robot, poses), count),
-        "hard fraction, float32": (js.workspace_fraction, single, count),
+        "hard fraction": (js.workspace.fraction, (robot, poses), count),
+        "hard fraction, float32": (js.workspace.fraction, single, count),
         "soft fraction": (soft, (robot, poses), count),
         "soft fraction and gradient": (jax.value_and_grad(soft), (robot, poses), count),
         "exact fraction, a hundred poses per ray": (exact, (robot,), count),

@@ -92,9 +92,9 @@ def optimistix_newton():
     def mapped(poses):
         def one(pose):
             found = optimistix.root_find(
-                lambda q, p: js.residual(robot, q, p), solver, home, pose, max_steps=30, throw=False
+                lambda q, p: js.residual(robot, p, joints=q), solver, home, pose, max_steps=30, throw=False
             )
-            return found.value, jnp.linalg.norm(js.residual(robot, found.value, pose)) <= TOL
+            return found.value, jnp.linalg.norm(js.residual(robot, pose, joints=found.value)) <= TOL
 
         return jax.vmap(one)(poses)
 

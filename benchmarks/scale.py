@@ -20,7 +20,7 @@ import numpy as np
 import jaxscissor as js
 from benchmarks.report import RESULTS
 
-FUNCTIONS = {"value": js.workspace_fraction, "value and gradient": jax.value_and_grad(js.soft_workspace_fraction)}
+FUNCTIONS = {"value": js.workspace.fraction, "value and gradient": jax.value_and_grad(js.workspace.soft_fraction)}
 ROUNDS = 5
 
 
@@ -33,7 +33,7 @@ def job(function, count, address, processes, process):
     robot = js.TripleScissorExtender.prototype()
     cylinder = js.Cylinder(robot.length / 2, robot.length)
     mesh = jax.sharding.Mesh(np.array(jax.devices()), ("devices",))
-    run = functools.partial(FUNCTIONS[function], mesh=mesh)
+    run = functools.partial(FUNCTIONS[function], execution=js.workspace.Execution(mesh=mesh))
     jax.block_until_ready(run(robot, cylinder.quasi_random(100_000)))
     before, used = time.perf_counter(), time.process_time()
     fraction = jax.tree.leaves(run(robot, cylinder.quasi_random(count)))[0]

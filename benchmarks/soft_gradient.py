@@ -97,13 +97,13 @@ def main():
         reference = boundary_derivative(theta, args.rays)
         scale = np.maximum(np.abs(reference), 0.05 * np.abs(reference).max())
         spread = np.abs(boundary_derivative(theta, args.rays // 4) - reference) / scale
-        fraction = js.workspace_fraction(build(theta), samples[0])
+        fraction = js.workspace.fraction(build(theta), samples[0])
         print(f"theta {np.round(theta, 4)}  fraction {fraction:.5f}")
         print(f"  boundary    {np.round(reference, 4)}  a quarter of the rays differs by {spread.max():.4f}")
         for sharpness in args.sharpness:
 
             def gradient(sample, theta=theta, sharpness=sharpness):
-                return jax.grad(lambda t: js.soft_workspace_fraction(build(t), sample, sharpness=sharpness))(theta)
+                return jax.grad(lambda t: js.workspace.soft_fraction(build(t), sample, sharpness=sharpness))(theta)
 
             first, second = (np.asarray(gradient(sample)) for sample in samples)
             error, noise = np.abs(first - reference) / scale, np.abs(second - first) / scale

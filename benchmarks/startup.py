@@ -45,17 +45,17 @@ def rows():
         "inverse_kinematics, one pose": (js.inverse_kinematics, (robot, pose)),
         "vmap(inverse_kinematics), 10^5 poses": (jax.vmap(js.inverse_kinematics, (None, 0)), (robot, poses)),
         "feasibility, one pose": (js.feasibility, (robot, pose)),
-        "workspace_fraction, 10^5 poses": (js.workspace_fraction, (robot, poses)),
+        "workspace_fraction, 10^5 poses": (js.workspace.fraction, (robot, poses)),
         "forward_kinematics": (js.forward_kinematics, (robot, actuated)),
         "jacfwd of forward_kinematics": (jax.jacfwd(_pose_of, 1), (robot, actuated)),
         "forward_kinematics_all": (js.forward_kinematics_all, (robot, actuated)),
         "closure_jacobians": (js.closure_jacobians, (robot, joints, home)),
         "inverse_jacobian": (js.inverse_jacobian, (robot, pose)),
         "gear_ratios": (js.gear_ratios, (robot, pose)),
-        "soft fraction, value and gradient": (jax.value_and_grad(js.soft_workspace_fraction), (robot, poses)),
-        "exact fraction, value and gradient": (jax.value_and_grad(js.exact_workspace_fraction), (robot, cylinder)),
-        "singularity": (js.singularity, (robot, pose)),
-        "clearance": (js.clearance, (robot, pose)),
+        "soft fraction, value and gradient": (jax.value_and_grad(js.workspace.soft_fraction), (robot, poses)),
+        "exact fraction, value and gradient": (jax.value_and_grad(js.workspace.ray_fraction), (robot, cylinder)),
+        "singularity": (js.singularities.measures, (robot, pose)),
+        "clearance": (js.singularities.distance, (robot, pose)),
         "optimize_design, one step": (lambda: _optimized(robot, poses), None),
     }
 
@@ -69,7 +69,7 @@ def _pose_of(robot, joints):
 def _loss(robot, poses):
     import jaxscissor as js
 
-    return -js.soft_workspace_fraction(robot, poses)
+    return -js.workspace.soft_fraction(robot, poses)
 
 
 def _room(robot):
@@ -90,7 +90,7 @@ def _optimized(robot, poses):
 
     ratios = robot.ratios
     bounds = ratios - 0.01, ratios + 0.05
-    return js.optimize_design(
+    return js.design.optimize(
         _loss, ratios, bounds=bounds, build=_built, constraints=(_room,), steps=1, poses=poses
     ).params
 

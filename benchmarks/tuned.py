@@ -37,7 +37,7 @@ def contest(mesh):
     program, compiled = phases(inverse, robot, shared)
 
     def fraction():
-        return js.workspace_fraction(robot, copied, mesh=mesh, chunk_size=CHUNK)
+        return js.workspace.fraction(robot, copied, execution=js.workspace.Execution(mesh=mesh, chunk_size=CHUNK))
 
     plain, simd = peers.cpp("plain"), peers.cpp("simd")
     runs = {

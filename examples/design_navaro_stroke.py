@@ -24,7 +24,7 @@ RADIUS, TURN = 25.0, np.pi / 2
 def needed(robot, samples):
     """Least and greatest length of any leg over the disc, and the two poses."""
     disc = js.Disc(robot.base.mean(axis=0), RADIUS, -TURN, TURN)
-    found = js.joint_range(robot, disc, samples=samples)
+    found = js.workspace.joint_range(robot, disc, samples=samples)
     low, high = found.low[1::2], found.high[1::2]
     poses = found.low_poses[1::2][low.argmin()], found.high_poses[1::2][high.argmax()]
     return float(low.min()), float(high.max()), poses

@@ -60,7 +60,7 @@ def task(robot):
     tilts = [(0, 0), (TILT, 0), (-TILT, 0), (0, TILT), (0, -TILT)]
     orientations = [(*tilt, turned + turn) for tilt, turn in itertools.product(tilts, (-TURN, TURN))]
     box = js.Box([-0.5, -0.5, 0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 1.5, 0.0, 0.0, 0.0])
-    return js.Oriented(box, orientations)
+    return js.workspace.Dexterous(box, orientations)
 
 
 def size_left(robot):
@@ -79,17 +79,17 @@ def reached(robot, sample):
 def strength(robot, sample):
     """Type-2 measure beyond what is asked, in parts of that at home, at every pose that counts; 1 at the others."""
     poses = jnp.concatenate([robot.home()[0][None], sample[:].reshape(-1, 6)])
-    measures = jax.lax.map(lambda pose: js.singularity(robot, pose).type2, poses, batch_size=1280)
+    measures = jax.lax.map(lambda pose: js.singularities.measures(robot, pose).type2, poses, batch_size=1280)
     parts = measures[1:].reshape(len(sample), -1) / measures[0]
     return jnp.where(reached(jax.lax.stop_gradient(robot), sample)[:, None], parts - STRONG, 1)
 
 
 def problem(rays=256, cells=24, positions=500):
-    """Arguments of ``optimize_design``."""
+    """Arguments of ``design.optimize``."""
     region = task(build(FIRST))
     sample = region.quasi_random(positions)
     return {
-        "objective": lambda robot: -js.exact_workspace_fraction(robot, region, rays=rays, cells=cells, axes=(0, 1, 2)),
+        "objective": lambda robot: -js.workspace.ray_fraction(robot, region, rays=rays, cells=cells, axes=(0, 1, 2)),
         "params": FIRST,
         "bounds": (LOW, HIGH),
         "build": build,
@@ -113,18 +113,18 @@ def main(argv=None):
     began = time.perf_counter()
 
     sizes, steps, checked = ((32, 12, 50), 4, 50) if args.small else ((256, 24, 500), 25, 100_000)
-    result = js.optimize_design(**problem(*sizes), steps=steps)
+    result = js.design.optimize(**problem(*sizes), steps=steps)
     print(f"{result.status.name} in {time.perf_counter() - began:.0f} s")
     for name, old in FIRST.items():
         print(f"  {name:<16} {old:.4f} -> {float(result.params[name]):.4f}")
     sample = task(result.initial).quasi_random(checked, seed=1)
     other = [size_left, lambda robot: jnp.min(strength(robot, sample))]
-    seen = result.certify(lambda robot: -jnp.mean(reached(robot, sample)), other)
+    seen = result.validate(lambda robot: -jnp.mean(reached(robot, sample)), other)
     volume = float(sample.region.volume)
     print(f"dexterous part of the box on {checked} other positions: {-seen.before:.4f} -> {-seen.after:.4f}")
     print(f"  in volume: {-volume * seen.before:.4f} -> {-volume * seen.after:.4f} m^3")
-    print(f"least slack of the constraints on them: {seen.slack_before:+.4f} -> {seen.slack_after:+.4f}")
-    width, height, *poses = result.prices.constraints
+    print(f"least slack of the constraints on them: {seen.constraints_before:+.4f} -> {seen.constraints_after:+.4f}")
+    width, height, *poses = result.multipliers.constraints
     print(f"prices (width, height, all poses): {width:.3f}, {height:.3f}, {sum(poses):.3f}")
 
     args.figures.mkdir(exist_ok=True)

@@ -28,7 +28,7 @@ STRONG = 0.1  # least singularity measure, in parts of that at home
 
 
 @js.pytree
-class Panel(js.Region):
+class Panel(js.regions.Region):
     """Poses (along the panel, angle about its axis) that put the platform square to it; lengths in metres."""
 
     radius: float = 1.0
@@ -71,7 +71,7 @@ def clearances(robot, poses):
 
     def at(pose):
         solution = js.inverse_kinematics(robot, pose)
-        measures = js.singularity(robot, pose, joints=solution.value)
+        measures = js.singularities.measures(robot, pose, joints=solution.value)
         both = jnp.append(measures.type1, measures.type2)
         return js.margins(robot, pose).ravel(), jnp.where(solution.converged, both, jnp.nan)
 
@@ -81,7 +81,7 @@ def clearances(robot, poses):
 
 
 def problem(shape=(5, 25)):
-    """Arguments of ``optimize_design``, with the task on a grid of poses that has its edges and corners."""
+    """Arguments of ``design.optimize``, with the task on a grid of poses that has its edges and corners."""
     units = jnp.stack(jnp.meshgrid(*(jnp.linspace(0, 1, n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 2)
     poses = jax.vmap(Panel().from_unit)(units)
     names = ("length", "base_bar", "slide_angle", "feet_radius", "top_radius", "least_slide", "stroke")
@@ -136,11 +136,15 @@ def main(argv=None):
     began = time.perf_counter()
 
     shape, steps, starts, checked = ((3, 7), 20, 1, 1000) if args.small else ((5, 25), 60, 6, 100_000)
-    result = js.optimize_design(**problem(shape), steps=steps, starts=starts)
+    result = js.design.optimize(**problem(shape), steps=steps, starts=starts)
     robot = result.robot
     print(f"{result.status.name} in {time.perf_counter() - began:.0f} s; best of {starts} starts")
     for name, value in result.params.items():
-        held = [side for side, price in (("low", result.prices.low), ("high", result.prices.high)) if price[name] > 0]
+        held = [
+            side
+            for side, price in (("low", result.multipliers.low), ("high", result.multipliers.high))
+            if price[name] > 0
+        ]
         print(f"  {name:<12} {float(value):.4f}" + (f"  held at its {held[0]} bound" if held else ""))
     print(f"footprint {float(footprint(robot)):.3f} m, stroke {float(robot.stroke[1] - robot.stroke[0]):.3f} m")
     dense = Panel().quasi_random(checked, seed=1)[:]
@@ -148,8 +152,8 @@ def main(argv=None):
     print(f"least clearance beyond what is asked, on {checked} other poses of the panel:")
     for name, column in zip(("limits", "type 1", "type 2"), clear, strict=True):
         print(f"  {name}: {column.min():+.5f}")
-    prices = np.asarray(result.prices.constraints).reshape(shape[0] * shape[1], -1)
-    limits, type1, type2 = (part.sum() for part in np.split(prices, [-4, -1], axis=1))
+    multipliers = np.asarray(result.multipliers.constraints).reshape(shape[0] * shape[1], -1)
+    limits, type1, type2 = (part.sum() for part in np.split(multipliers, [-4, -1], axis=1))
     print(f"price of the three clearances, metres per unit: {limits:.3f}, {type1:.3f}, {type2:.3f}")
     draw(robot, dense, clear, args.figures)
     print(f"figures in {args.figures}/, {time.perf_counter() - began:.0f} s in all")

@@ -54,12 +54,12 @@ def slacks(robot, first, heights):
 
 
 def problem(rays=341, cells=32):
-    """Arguments of ``optimize_design``."""
+    """Arguments of ``design.optimize``."""
     params = reference()
     first, low, high = build(params), (0.15, 0.0, 0.0, 0.1, 0.2), (1.2, np.pi / 3, 0.3, 0.4, 1.2)
     region = js.Cylinder(first.length / 2, first.length)
     return {
-        "objective": lambda robot: -js.exact_workspace_fraction(robot, region, rays=rays, cells=cells, axes=(0, 1, 2)),
+        "objective": lambda robot: -js.workspace.ray_fraction(robot, region, rays=rays, cells=cells, axes=(0, 1, 2)),
         "params": params,
         "bounds": tuple(dict(zip(NAMES, values, strict=True)) for values in (low, high)),
         "build": build,
@@ -100,21 +100,21 @@ def main(argv=None):
     began = time.perf_counter()
 
     rays, steps, starts, checked = (64, 6, 1, 20_000) if args.small else (341, 25, 6, 4_000_000)
-    result = js.optimize_design(**problem(rays), steps=steps, starts=starts)
+    result = js.design.optimize(**problem(rays), steps=steps, starts=starts)
     first, robot = result.initial, result.robot
     print(f"{result.status.name} in {time.perf_counter() - began:.0f} s; best of {starts} starts")
     for name, old in reference().items():
         print(f"  {name:<13} {old:.4f} -> {float(result.params[name]):.4f}")
     sample = js.Cylinder(first.length / 2, first.length).quasi_random(checked, seed=2)
-    seen = result.certify(
-        lambda design: -js.workspace_fraction(design, sample),
+    seen = result.validate(
+        lambda design: -js.workspace.fraction(design, sample),
         [lambda design: slacks(design, first, jnp.linspace(0.5, 1.5, 41))],
     )
     print(f"hard fraction on {checked} other poses: {-float(seen.before):.4f} -> {-float(seen.after):.4f}")
-    print(f"least slack of ground and height amplification at 41 heights: {float(seen.slack_after):+.4f}")
-    print(f"price of the constraints (amplification at 5 heights, ground): {result.prices.constraints.round(3)}")
+    print(f"least slack of ground and height amplification at 41 heights: {float(seen.constraints_after):+.4f}")
+    print(f"price of the constraints (amplification at 5 heights, ground): {result.multipliers.constraints.round(3)}")
     print("what keeps the tuned robot out of the rest of the cylinder:")
-    print(js.binding_limits(robot, sample))
+    print(js.workspace.limiting_constraints(robot, sample))
     draw(result, args.figures)
     print(f"figures in {args.figures}/, {time.perf_counter() - began:.0f} s in all")
 

@@ -49,14 +49,15 @@ def sweep(args):
     sample = cylinder.quasi_random(100_000 if args.small else 10_000_000)
     if jax.process_index() == 0:
         print(f"{len(sample):,} poses, {mesh.size} devices, {jax.process_count()} processes", flush=True)
-    shared = partial(js.workspace_fraction, mesh=mesh)
-    show("fraction", lambda: shared(robot, sample, checkpoint=args.checkpoint))
-    soft = partial(js.soft_workspace_fraction, poses=sample, mesh=mesh)
+    saved = js.workspace.Execution(mesh=mesh, checkpoint=args.checkpoint)
+    show("fraction", lambda: js.workspace.fraction(robot, sample, execution=saved))
+    soft = partial(js.workspace.soft_fraction, poses=sample, execution=js.workspace.Execution(mesh=mesh))
     show("fraction per metre of radius", lambda: jax.grad(soft)(robot).actuator_radius)
     k1, k2, k3, k4 = robot.ratios
     designs = jax.vmap(lambda k1: js.TripleScissorExtender.from_ratios(k1, k2, k3, k4))(k1 * jnp.linspace(0.8, 1.2, 4))
     few = js.Cylinder(0.5, 1.0).quasi_random(len(sample) // 10)
-    show("fractions of four designs", lambda: jax.vmap(partial(shared, chunk_size=8192), (0, None))(designs, few))
+    shared = partial(js.workspace.fraction, execution=js.workspace.Execution(mesh=mesh, chunk_size=8192))
+    show("fractions of four designs", lambda: jax.vmap(shared, (0, None))(designs, few))
 
 
 def launch(args):

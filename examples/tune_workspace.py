@@ -42,13 +42,13 @@ def tune(robot, region, samples, steps):
             robot, actuator_angle=angle, actuator_radius=actuator * length, top_radius=top * length
         )
 
-    return js.optimize_design(
-        lambda design: -js.soft_workspace_fraction(design, sample, sharpness=100.0),
+    return js.design.optimize(
+        lambda design: -js.workspace.soft_fraction(design, sample, sharpness=100.0),
         robot.ratios[1:],
         build=build,
         bounds=(jnp.array([0.0, 0.0, 0.08]), jnp.array([jnp.pi / 4, 0.15, 0.2])),
         steps=steps,
-        optimizer=optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02)),
+        method=js.design.AugmentedLagrangian(optax.adam(optax.cosine_decay_schedule(0.03, steps, 0.02))),
         constraints=[lambda design: js.height_amplification(design, robot, heights) - KEPT_AMPLIFICATION],
     )
 
@@ -92,7 +92,7 @@ def main(argv=None):
     region = js.Cylinder(robot.length / 2, robot.length)
     print(robot)
     sample = region.quasi_random(poses)
-    print(f"fraction of the paper's cylinder, {poses} poses: {js.workspace_fraction(robot, sample):.4f}")
+    print(f"fraction of the paper's cylinder, {poses} poses: {js.workspace.fraction(robot, sample):.4f}")
     wide, deep, low, high = extents(robot, sample[:])
     print("  [RAL17 V] prints 0.28")
     print(f"extents: {wide:.2f} x {deep:.2f} m, z from {low:.2f} to {high:.2f} m")
@@ -105,7 +105,7 @@ def main(argv=None):
         print(f"  {name}: {old:.4f} -> {new:.4f}")
     amplification = js.height_amplification(tuned, robot, jnp.linspace(0.5, 1.5, 21))
     print(f"  height amplification: at least {amplification.min():.3f} of the prototype's (bound {KEPT_AMPLIFICATION})")
-    before, after = (js.workspace_fraction(r, dense) for r in (robot, tuned))
+    before, after = (js.workspace.fraction(r, dense) for r in (robot, tuned))
     print(
         f"hard fraction on {len(dense)} other poses: {before:.4f} before, {after:.4f} after ({after / before - 1:+.0%})"
     )

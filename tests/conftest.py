@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 import jaxscissor as js
-from jaxscissor._pytree import unchecked
+from jaxscissor._engine.pytree import unchecked
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
 matplotlib.use("Agg")

@@ -13,24 +13,24 @@ import pytest
 import jaxscissor as js
 from tests.calls import calls_of
 from tests.conftest import ALL, as_users, scaled
-from tests.test_contract import forward
+from tests.kinematics.test_contract import forward
 
 # instructions of the optimized program that ``jax.jit`` makes, for the TSE; what was measured, and five per cent
 BUDGETS = {
     "inverse_kinematics": 3480,
     "inverse_kinematics of a batch": 4100,
-    "workspace_fraction": 3800,
+    "workspace.fraction": 3800,
     "forward_kinematics": 14000,
-    "singularity": 10500,
-    "soft_workspace_fraction": 11900,
+    "singularities.measures": 10500,
+    "workspace.soft_fraction": 11900,
 }
 UNIT = 4096.0
 SMALL = "linear_delta", "navaro_mode_8"  # robots that compile in no time, and have all functions between them
 LARGE = {
     "forward_kinematics_all": 28500,
     "jacobian of forward_kinematics": 29700,
-    "exact_workspace_fraction": 27300,
-    "clearance": 16600,
+    "workspace.ray_fraction": 27300,
+    "singularities.distance": 16600,
 }
 CONSTRUCTION = """
 import json, jax
@@ -71,7 +71,10 @@ def test_building_a_robot_compiles_two_programs_at_most():
 
 
 def test_every_function_of_a_robot_is_called_here():
-    names = {name for name, thing in vars(js).items() if inspect.isfunction(thing) and _takes_a_robot(thing)}
+    rooms = {"": js, "workspace.": js.workspace, "singularities.": js.singularities, "design.": js.design}
+    rooms["navaro."] = js.navaro
+    things = {room + name: getattr(door, name) for room, door in rooms.items() for name in door.__all__}
+    names = {name for name, thing in things.items() if inspect.isfunction(thing) and _takes_a_robot(thing)}
     called = {name for robot in SMALL for name in calls_of(ALL[robot]())}
     assert len(names) > 30 and names <= called
 
@@ -116,11 +119,11 @@ def test_sizes_are_no_part_of_a_program(prototype, compiled):
     region = js.Cylinder(prototype.length / 2, prototype.length)
     for count in (40_000, 50_000):
         compiled.clear()
-        js.workspace_fraction(prototype, region.quasi_random(count))
+        js.workspace.fraction(prototype, region.quasi_random(count))
     assert not compiled
     for rays in (5, 50, 500):
         compiled.clear()
-        js.exact_workspace_fraction(prototype, region, rays=rays, cells=8)
+        js.workspace.ray_fraction(prototype, region, rays=rays, cells=8)
     assert not compiled
 
 
@@ -137,14 +140,14 @@ def programs(robot):
     return {
         "inverse_kinematics": (js.inverse_kinematics, robot, home),
         "inverse_kinematics of a batch": (jax.vmap(js.inverse_kinematics, (None, 0)), robot, poses),
-        "workspace_fraction": (js.workspace_fraction, robot, poses),
+        "workspace.fraction": (js.workspace.fraction, robot, poses),
         "forward_kinematics": (js.forward_kinematics, robot, actuated),
-        "singularity": (js.singularity, robot, home),
-        "soft_workspace_fraction": (jax.value_and_grad(js.soft_workspace_fraction), robot, poses),
+        "singularities.measures": (js.singularities.measures, robot, home),
+        "workspace.soft_fraction": (jax.value_and_grad(js.workspace.soft_fraction), robot, poses),
         "forward_kinematics_all": (js.forward_kinematics_all, robot, actuated),
         "jacobian of forward_kinematics": (jax.jacfwd(forward, 1), robot, actuated),
-        "exact_workspace_fraction": (jax.value_and_grad(js.exact_workspace_fraction), robot, region),
-        "clearance": (js.clearance, robot, home),
+        "workspace.ray_fraction": (jax.value_and_grad(js.workspace.ray_fraction), robot, region),
+        "singularities.distance": (js.singularities.distance, robot, home),
     }
 
 

@@ -1,69 +1,37 @@
-"""The package as a whole: import directions, an inert import, documented names, metadata, README commands."""
+"""The package as a whole: what its rooms show, an inert import, documented names, metadata, README commands."""
 
 import ast
+import importlib
 import pathlib
 import re
 import subprocess
 import sys
 import tomllib
 
-import pytest
-
 import jaxscissor as js
 
 ROOT = pathlib.Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "jaxscissor"
-LEVELS = [
-    {"_vectors", "_pytree", "_fence", "_checkpoint", "_progress", "mobility"},
-    {"_numerics", "_solution", "_trigonometric", "_batching"},
-    {"_matrices", "_sincos", "_program"},
-    {
-        "_spaces",
-        "_newton",
-        "_bracket",
-        "_quartic",
-        "_sweep",
-        "_distinct",
-        "scissor",
-        "scott",
-        "mechanisms._method_checks",
-    },
-    {"mechanisms._contract", "mechanisms._octahedron", "mechanisms._planar_triangle", "mechanisms._upright"},
-    {"mechanisms.per_leg", "mechanisms._scissor_leg", "mechanisms._scott_leg", "mechanisms._planar_home"},
-    {"mechanisms.triple_scissor", "mechanisms.navaro", "mechanisms.tri_scott", "mechanisms.stewart", "_legs"},
-    {"_platform", "mechanisms.navaro_drive"},
-    {"kinematics", "assembly", "constraints"},
-    {"jacobians", "feasibility", "singularity", "sensing"},
-    {"dexterity", "regions", "reach", "encumbrance", "tolerances", "contract_check"},
-    {"tasks", "_samples", "_descent"},
-    {"workspace", "_sqp", "_scaling", "_prices", "extremes", "loci", "clearance"},
-    {"exact", "metrics", "aspects", "_slices", "design", "binding"},
-    {"modes", "_singularity_pictures", "tradeoffs"},
-    {"plot"},
-]
-LEVEL = {name: level for level, names in enumerate(LEVELS) for name in names}
+ROOMS = ("design", "kinematics", "navaro", "plot", "regions", "robots", "singularities", "workspace")
 
 
-def modules():
-    return [path for path in SOURCE.rglob("*.py") if path.name != "__init__.py"]
+def test_rooms_show_what_their_doors_say_and_nothing_else():
+    assert {name for name in vars(js) if not name.startswith("_")} <= {*js.__all__, *ROOMS}
+    assert set(dir(js)) == {*js.__all__, "__version__"} and len(js.__all__) < 50
+    for room in ROOMS:
+        door = importlib.import_module(f"jaxscissor.{room}")
+        shown = {name for name in vars(door) if not name.startswith("_")}
+        families = {path.parent.name for path in (SOURCE / room).glob("*/__init__.py")}
+        assert shown - families == set(door.__all__), room
 
 
-def name_of(path):
-    return ".".join(path.relative_to(SOURCE).with_suffix("").parts)
-
-
-@pytest.mark.parametrize("path", modules(), ids=name_of)
-def test_imports_run_downwards(path):
-    text = path.read_text()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("jaxscissor"):
-            imported = node.module.removeprefix("jaxscissor").lstrip(".")
-            assert imported and LEVEL[imported] < LEVEL[name_of(path)], f"{name_of(path)} imports {imported}"
-        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        allowed = {"jax", "numpy", "scipy", "optax", "matplotlib", "mpl_toolkits", "tqdm", "jaxscissor", "__future__"}
-        allowed |= sys.stdlib_module_names
-        assert all(name.split(".")[0] in allowed for name in names)
+def test_nothing_but_the_runtime_packages_is_imported():
+    allowed = {"jax", "numpy", "scipy", "optax", "matplotlib", "mpl_toolkits", "tqdm", "jaxscissor", "__future__"}
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert {name.split(".")[0] for name in names} <= allowed | sys.stdlib_module_names, path
 
 
 def test_import_changes_nothing():
@@ -75,13 +43,13 @@ def test_import_changes_nothing():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_every_public_name_is_documented_with_an_example_where_it_computes():
-    names = [name for name in vars(js) if not name.startswith("_") and name not in ("assembly",)]
-    for name in names:
-        thing = getattr(js, name)
-        if callable(thing):
-            assert thing.__doc__ and len(thing.__doc__.split("\n")[0]) > 15, name
-    for function in (js.inverse_kinematics, js.forward_kinematics, js.feasibility, js.workspace_fraction):
+def test_every_public_name_is_documented_and_has_an_example_where_it_computes():
+    for room in (js, js.workspace, js.singularities, js.design, js.navaro, js.plot):
+        for name in room.__all__:
+            thing = getattr(room, name)
+            if callable(thing):
+                assert thing.__doc__ and len(thing.__doc__.split("\n")[0]) > 15, name
+    for function in (js.inverse_kinematics, js.forward_kinematics, js.feasibility, js.workspace.fraction):
         for section in ("Args:", "Returns:", "Raises:", "Example:"):
             assert section in function.__doc__
 

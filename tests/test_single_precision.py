@@ -66,27 +66,27 @@ def test_results_keep_the_dtype(prototype):
     single = in_single(prototype)
     pose = single.home()[0]
     sample = js.Cylinder(single.length / 2, single.length).quasi_random(2000)
-    assert js.workspace_fraction(single, sample).dtype == jnp.float32
-    gradient = jax.grad(js.soft_workspace_fraction)(single, sample)
+    assert js.workspace.fraction(single, sample).dtype == jnp.float32
+    gradient = jax.grad(js.workspace.soft_fraction)(single, sample)
     assert all(leaf.dtype == jnp.float32 and bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(gradient))
     assert js.inverse_kinematics_all(single, pose).values.dtype == jnp.float32
-    assert float(js.workspace_fraction(single, sample)) == pytest.approx(0.295, abs=0.02)
+    assert float(js.workspace.fraction(single, sample)) == pytest.approx(0.295, abs=0.02)
 
 
 def test_clearance_in_single_precision():
     """Mode 8 of NaVARo II is loose at alpha = 0 [NAV19 eq. 38]; the other number is of a run in double precision."""
     navaro = in_single(js.NavaroII.prototype(8))
-    nearest = js.clearance(navaro, jnp.asarray([45.0, 26.0, 0.2], jnp.float32))
+    nearest = js.singularities.distance(navaro, jnp.asarray([45.0, 26.0, 0.2], jnp.float32))
     assert nearest.distance.dtype == jnp.float32 and nearest.status == js.Status.CONVERGED
     assert (int(nearest.kind), int(nearest.leg)) == (2, -1)
     assert float(nearest.rotation) == pytest.approx(0.2, abs=1e-3)
     assert float(nearest.distance) == pytest.approx(90 * 0.2, rel=1e-3)
-    assert abs(float(js.singularity(navaro, nearest.pose, joints=nearest.joints).type2)) < 1e-4
+    assert abs(float(js.singularities.measures(navaro, nearest.pose, joints=nearest.joints).type2)) < 1e-4
     tse = in_single(js.TripleScissorExtender.prototype())
-    met = js.clearance_along(tse, tse.home()[0], jnp.eye(6, dtype=jnp.float32)[2])
+    met = js.singularities.distance(tse, tse.home()[0], direction=jnp.eye(6, dtype=jnp.float32)[2])
     assert met.distance.dtype == jnp.float32 and met.kind == 1
     assert float(met.distance) == pytest.approx(0.4098030131, rel=1e-3)
-    type1 = js.singularity(tse, met.pose, joints=met.joints).type1[met.leg]
+    type1 = js.singularities.measures(tse, met.pose, joints=met.joints).type1[met.leg]
     assert abs(float(type1)) < 1e-3  # it vanishes with the root of the distance
 
 
@@ -95,18 +95,20 @@ def test_aspects_in_single_precision():
     whole = js.NavaroII.prototype(8)
     robot = in_single(js.NavaroII(whole.base, whole.platform, mode=8))  # no end of stroke
     box = js.Box([-50.0, -60.0, -math.pi], [140.0, 130.0, math.pi])
-    found = js.aspects(robot, box, (12, 12, 12))
+    found = js.singularities.aspects(robot, box, (12, 12, 12))
     assert found.sizes.tolist() == [634, 634, 230, 230]
     labels = [found.label([45.0, 26.0, a]) for a in (0.5, -0.5)]
     assert labels[0] != labels[1] and found.signs[labels[0]] == -found.signs[labels[1]]
-    path = js.aspect_path(robot, found, [45.0, 26.0, 0.5], [45.0, 30.0, 2.0])
-    assert path.clear and not js.aspect_path(robot, found, [45.0, 26.0, 0.5], [45.0, 26.0, -0.5]).clear
+    path = js.singularities.aspect_path(robot, found, [45.0, 26.0, 0.5], [45.0, 30.0, 2.0])
+    assert path.clear and not js.singularities.aspect_path(robot, found, [45.0, 26.0, 0.5], [45.0, 26.0, -0.5]).clear
 
 
 def test_plans_in_single_precision():
     """Modes, the switch and the worst measure as in double precision, from which the numbers are."""
     path = np.linspace([45.0, 26.0, 1.4], [45.0, 26.0, -0.9], 93)
-    plan = js.plan_modes({mode: in_single(js.NavaroII.prototype(mode)) for mode in (8, 1)}, path, clearance=0.02)
-    assert plan.status == js.PlanStatus.PLANNED and plan.switches.tolist() == [19]
+    plan = js.singularities.plan_modes(
+        {mode: in_single(js.NavaroII.prototype(mode)) for mode in (8, 1)}, path, min_type2=0.02
+    )
+    assert plan.status == js.Status.PLANNED and plan.switches.tolist() == [19]
     assert (plan.modes == np.where(np.arange(93) < 19, 8, 1)).all()
     assert plan.worst == pytest.approx(0.1807645938, rel=1e-3)

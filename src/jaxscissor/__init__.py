@@ -1,107 +1,97 @@
 """Kinematics of parallel robots with scissor legs, differentiable from end to end."""
 
-import importlib.metadata
+import importlib.metadata as _metadata
 
-from jaxscissor import plot as plot
-from jaxscissor._numerics import limit_margins as limit_margins
-from jaxscissor._numerics import safe_sqrt as safe_sqrt
-from jaxscissor._pytree import pytree as pytree
-from jaxscissor._pytree import quantity as quantity
-from jaxscissor._pytree import static as static
-from jaxscissor._solution import Solution as Solution
-from jaxscissor._solution import Status as Status
-from jaxscissor._solution import raise_if_failed as raise_if_failed
-from jaxscissor._solution import status_message as status_message
-from jaxscissor._spaces import R3 as R3
-from jaxscissor._spaces import SE2 as SE2
-from jaxscissor._spaces import SE3 as SE3
-from jaxscissor._vectors import Rotation as Rotation
-from jaxscissor._vectors import Vec as Vec
-from jaxscissor.aspects import AspectPath as AspectPath
-from jaxscissor.aspects import Aspects as Aspects
-from jaxscissor.aspects import CuspidalSearch as CuspidalSearch
-from jaxscissor.aspects import aspect_path as aspect_path
-from jaxscissor.aspects import aspects as aspects
-from jaxscissor.aspects import cuspidal_search as cuspidal_search
-from jaxscissor.assembly import forward_kinematics_all as forward_kinematics_all
-from jaxscissor.assembly import inverse_kinematics_all as inverse_kinematics_all
-from jaxscissor.assembly import within_limits as within_limits
-from jaxscissor.binding import Binding as Binding
-from jaxscissor.binding import binding_limits as binding_limits
-from jaxscissor.clearance import Clearance as Clearance
-from jaxscissor.clearance import clearance as clearance
-from jaxscissor.clearance import clearance_along as clearance_along
-from jaxscissor.constraints import constrained_pose as constrained_pose
-from jaxscissor.contract_check import check_robot as check_robot
-from jaxscissor.design import DesignResult as DesignResult
-from jaxscissor.design import DesignStatus as DesignStatus
-from jaxscissor.design import StopReason as StopReason
-from jaxscissor.design import optimize_design as optimize_design
-from jaxscissor.dexterity import gear_ratios as gear_ratios
-from jaxscissor.dexterity import height_amplification as height_amplification
-from jaxscissor.encumbrance import SweptArea as SweptArea
-from jaxscissor.encumbrance import swept_area as swept_area
-from jaxscissor.exact import exact_workspace_fraction as exact_workspace_fraction
-from jaxscissor.extremes import joint_range as joint_range
-from jaxscissor.extremes import minimum_over as minimum_over
-from jaxscissor.feasibility import feasibility as feasibility
-from jaxscissor.feasibility import margins as margins
-from jaxscissor.jacobians import closure_jacobians as closure_jacobians
-from jaxscissor.jacobians import inverse_jacobian as inverse_jacobian
-from jaxscissor.kinematics import forward_kinematics as forward_kinematics
-from jaxscissor.kinematics import inverse_kinematics as inverse_kinematics
-from jaxscissor.kinematics import residual as residual
-from jaxscissor.loci import singular_surface as singular_surface
-from jaxscissor.mechanisms._contract import Leg as Leg
-from jaxscissor.mechanisms._contract import Mechanism as Mechanism
-from jaxscissor.mechanisms.navaro import ACTUATION_MODES as ACTUATION_MODES
-from jaxscissor.mechanisms.navaro import NavaroII as NavaroII
-from jaxscissor.mechanisms.navaro_drive import Clutch as Clutch
-from jaxscissor.mechanisms.navaro_drive import DriveTrain as DriveTrain
-from jaxscissor.mechanisms.navaro_drive import drive_mobility as drive_mobility
-from jaxscissor.mechanisms.navaro_drive import drive_mode as drive_mode
-from jaxscissor.mechanisms.per_leg import PerLeg as PerLeg
-from jaxscissor.mechanisms.per_leg import per_leg as per_leg
-from jaxscissor.mechanisms.stewart import StewartGough as StewartGough
-from jaxscissor.mechanisms.tri_scott import Micabo as Micabo
-from jaxscissor.mechanisms.tri_scott import TriScott as TriScott
-from jaxscissor.mechanisms.triple_scissor import SLIDE_ANGLES as SLIDE_ANGLES
-from jaxscissor.mechanisms.triple_scissor import TripleScissorExtender as TripleScissorExtender
-from jaxscissor.metrics import TaskMetrics as TaskMetrics
-from jaxscissor.metrics import WorstCase as WorstCase
-from jaxscissor.metrics import mean_case as mean_case
-from jaxscissor.metrics import task_metrics as task_metrics
-from jaxscissor.metrics import worst_case as worst_case
-from jaxscissor.mobility import Topology as Topology
-from jaxscissor.modes import ModePlan as ModePlan
-from jaxscissor.modes import PlanStatus as PlanStatus
-from jaxscissor.modes import plan_modes as plan_modes
-from jaxscissor.reach import height_range as height_range
-from jaxscissor.reach import reach_along as reach_along
-from jaxscissor.regions import Box as Box
-from jaxscissor.regions import Cylinder as Cylinder
-from jaxscissor.regions import Disc as Disc
-from jaxscissor.regions import Region as Region
-from jaxscissor.regions import Sample as Sample
-from jaxscissor.scissor import Scissor as Scissor
-from jaxscissor.scott import Scott as Scott
-from jaxscissor.sensing import SensedMode as SensedMode
-from jaxscissor.sensing import sensed_mode as sensed_mode
-from jaxscissor.singularity import Singularity as Singularity
-from jaxscissor.singularity import singularity as singularity
-from jaxscissor.tasks import Oriented as Oriented
-from jaxscissor.tasks import Path as Path
-from jaxscissor.tolerances import PoseError as PoseError
-from jaxscissor.tolerances import PoseErrorSamples as PoseErrorSamples
-from jaxscissor.tolerances import pose_error as pose_error
-from jaxscissor.tolerances import pose_sensitivity as pose_sensitivity
-from jaxscissor.tolerances import sample_pose_errors as sample_pose_errors
-from jaxscissor.tolerances import tolerances as tolerances
-from jaxscissor.tradeoffs import ParetoFront as ParetoFront
-from jaxscissor.tradeoffs import optimize_choices as optimize_choices
-from jaxscissor.tradeoffs import pareto_front as pareto_front
-from jaxscissor.workspace import soft_workspace_fraction as soft_workspace_fraction
-from jaxscissor.workspace import soft_workspace_gradient as soft_workspace_gradient
-from jaxscissor.workspace import workspace_fraction as workspace_fraction
+from jaxscissor import design, navaro, plot, singularities, workspace
+from jaxscissor._engine.numerics import limit_margins, safe_sqrt
+from jaxscissor._engine.pytree import pytree, quantity, static
+from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.kinematics import (
+    Solution,
+    Status,
+    check_robot,
+    closure_jacobians,
+    constrained_pose,
+    feasibility,
+    forward_kinematics,
+    forward_kinematics_all,
+    gear_ratios,
+    height_amplification,
+    inverse_jacobian,
+    inverse_kinematics,
+    inverse_kinematics_all,
+    margins,
+    residual,
+    within_limits,
+)
+from jaxscissor.regions import Box, Cylinder, Disc
+from jaxscissor.robots import (
+    R3,
+    SE2,
+    SE3,
+    SLIDE_ANGLES,
+    Leg,
+    Mechanism,
+    Micabo,
+    NavaroII,
+    Scissor,
+    Scott,
+    StewartGough,
+    TripleScissorExtender,
+    TriScott,
+    per_leg,
+)
 
-__version__ = importlib.metadata.version("jaxscissor")
+__version__ = _metadata.version("jaxscissor")
+
+__all__ = [
+    "R3",
+    "SE2",
+    "SE3",
+    "SLIDE_ANGLES",
+    "Box",
+    "Cylinder",
+    "Disc",
+    "Leg",
+    "Mechanism",
+    "Micabo",
+    "NavaroII",
+    "Rotation",
+    "Scissor",
+    "Scott",
+    "Solution",
+    "Status",
+    "StewartGough",
+    "TriScott",
+    "TripleScissorExtender",
+    "Vec",
+    "check_robot",
+    "closure_jacobians",
+    "constrained_pose",
+    "design",
+    "feasibility",
+    "forward_kinematics",
+    "forward_kinematics_all",
+    "gear_ratios",
+    "height_amplification",
+    "inverse_jacobian",
+    "inverse_kinematics",
+    "inverse_kinematics_all",
+    "limit_margins",
+    "margins",
+    "navaro",
+    "per_leg",
+    "plot",
+    "pytree",
+    "quantity",
+    "residual",
+    "safe_sqrt",
+    "singularities",
+    "static",
+    "within_limits",
+    "workspace",
+]
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

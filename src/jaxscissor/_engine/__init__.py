@@ -1,0 +1,1 @@
+"""Mathematics that knows no robot: pytrees, vectors, small matrices, root finding, sums over many cases."""

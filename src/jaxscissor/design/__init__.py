@@ -1,0 +1,20 @@
+"""The best robot within bounds, by the gradient of any metric; what inexact dimensions do to the pose."""
+
+from jaxscissor.design._methods import SQP, AugmentedLagrangian
+from jaxscissor.design._optimize import optimize
+from jaxscissor.design._pareto import optimize_variants, pareto_front
+from jaxscissor.design._task_metrics import task_metrics
+from jaxscissor.design._tolerances import pose_error, pose_sensitivity, sample_pose_errors, tolerances
+
+__all__ = [
+    "SQP",
+    "AugmentedLagrangian",
+    "optimize",
+    "optimize_variants",
+    "pareto_front",
+    "pose_error",
+    "pose_sensitivity",
+    "sample_pose_errors",
+    "task_metrics",
+    "tolerances",
+]

@@ -1,0 +1,100 @@
+"""The platform and the passive joints at given actuated joints: one system, its solution and its derivative."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxscissor._engine.matrices import determinant_sign
+from jaxscissor._engine.newton import implicit, newton, value_and_jacobian
+from jaxscissor._engine.numerics import Scalar
+from jaxscissor._engine.types import PyTree
+from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.robots._contract import (
+    Joints,
+    Mechanism,
+    actuated_mask,
+    closure,
+    legs_of,
+    split_joints,
+)
+
+
+class State(NamedTuple):
+    """What the actuated joints leave open."""
+
+    position: Vec
+    rotation: Rotation
+    passive: Joints
+
+
+def state_at(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> State:
+    """The state of a pose and all joints."""
+    passive = tuple(q for q, a in zip(joints, actuated_mask(robot), strict=True) if not a)
+    return State(*robot.space.place(pose), passive)
+
+
+def all_joints(robot: Mechanism, actuated: jax.Array, state: State) -> jax.Array:
+    """The array of all joints, from the actuated ones and the passive ones of a state."""
+    taken, free = iter(actuated), iter(state.passive)
+    return jnp.stack([next(taken) if a else next(free) for a in actuated_mask(robot)])
+
+
+def assemble(
+    robot: Mechanism, actuated: jax.Array, start: State, tol: Scalar, max_steps: Scalar
+) -> tuple[State, Scalar, Scalar]:
+    """Newton's method from a state, stepping on the rotation group: state, residual and number of steps."""
+    args = (robot, legs_of(robot), actuated)
+    retract, nudge = (_stepping(robot, step) for step in (robot.space.retract, robot.space.nudge))
+    return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=retract, nudge=nudge)
+
+
+def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:
+    """Pose coordinates and passive joints of a solution, with the implicit function's derivative where ok."""
+    coordinates = (*robot.space.coordinates(state.position, state.rotation), *state.passive)
+    root = implicit(_pose_residual, coordinates, ok, (robot, legs_of(robot), actuated))
+    size = robot.space.dimension
+    return jnp.stack(root[:size]), root[size:]
+
+
+@jax.jit
+def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
+    """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity."""
+    robot, actuated, state = lax.stop_gradient((robot, actuated, state))
+    args, nudge = (robot, legs_of(robot), actuated), _stepping(robot, robot.space.nudge)
+    count = len(_state_residual(state, args))
+    zero = tuple(jnp.zeros_like(actuated[0]) for _ in range(count))
+    _, rows = value_and_jacobian(lambda d: _state_residual(nudge(state, d), args), zero)
+    return determinant_sign(rows)
+
+
+def _state_residual(state: State, args: PyTree) -> Joints:
+    """Closure equations of a state at given (robot, legs, actuated joints)."""
+    robot, legs, actuated = args
+    joints = split_joints(robot, all_joints(robot, actuated, state))
+    return closure(robot, legs, joints, state.position, state.rotation)
+
+
+def _pose_residual(unknowns: Joints, args: PyTree) -> Joints:
+    """The same with the pose as coordinates."""
+    robot = args[0]
+    size = robot.space.dimension
+    position, rotation = robot.space.place(jnp.stack(unknowns[:size]))
+    return _state_residual(State(position, rotation, unknowns[size:]), args)
+
+
+def _stepping(robot: Mechanism, step_pose: Callable[[Vec, Rotation, Joints], tuple[Vec, Rotation]]) -> Callable:
+    """Step of the state: lengths in units of the robot's length, angles on the group."""
+    size, linear = robot.space.dimension, robot.space.translations
+    scale = lax.stop_gradient(robot.length)
+
+    def move(state: State, step: Joints) -> State:
+        twist = tuple(scale * d if i < linear else d for i, d in enumerate(step[:size]))
+        moved = step_pose(state.position, state.rotation, twist)
+        return State(*moved, tuple(q + d for q, d in zip(state.passive, step[size:], strict=True)))
+
+    return move

@@ -1,1 +1,0 @@
-"""Robots, one file per family, and the contract that they fulfil."""

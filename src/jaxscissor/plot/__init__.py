@@ -1,0 +1,16 @@
+"""Matplotlib pictures: robots, workspaces, singularities, the course of an optimization."""
+
+from jaxscissor.plot._history import history
+from jaxscissor.plot._robot import animate, robot
+from jaxscissor.plot._singularities import singularity_map, surface
+from jaxscissor.plot._workspace import workspace, workspace_slice
+
+__all__ = [
+    "animate",
+    "history",
+    "robot",
+    "singularity_map",
+    "surface",
+    "workspace",
+    "workspace_slice",
+]

@@ -1,0 +1,295 @@
+"""The contract between a robot and the library: a platform, its legs, and how they are laid out.
+
+    pose --attachments--> what each leg sees of the platform --residual(joints, attachment) = 0--> joints
+
+A robot is a pytree: its arrays are the design, and everything else in the library follows from the
+methods below by automatic differentiation. Define a leg and a robot with ``pytree`` and these two bases.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxscissor._engine.cpu.fence import fence
+from jaxscissor._engine.matrices import determinant
+from jaxscissor._engine.newton import value_and_jacobian
+from jaxscissor._engine.numerics import Scalar
+from jaxscissor._engine.pytree import as_floats, float_dtype, is_concrete
+from jaxscissor._engine.types import JointsLike, PoseLike
+from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.robots._method_checks import LEG, ROBOT, actuated_flags, check_methods
+from jaxscissor.robots._spaces import Space
+
+Joints = tuple[Scalar, ...]  # the joint coordinates of one leg
+Attachment = Any  # what a leg sees of the platform: a point, a point and an axis, ...; pictures take the first point
+
+
+class Leg:
+    """One leg, unbatched. Subclasses are pytrees; the library maps over legs and poses."""
+
+    actuated: ClassVar[tuple[bool, ...]]  # one entry per joint of the leg; False is passive
+    angular: ClassVar[tuple[bool, ...] | None] = None  # which joints are angles; None: all are lengths
+    limits: ClassVar[tuple[str, ...] | None] = None  # names of the margins, for reports; None: they are numbered
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        check_methods(cls, LEG)
+
+    def residual(self, joints: Joints, attachment: Attachment) -> Joints:
+        """Closure equations, as many as joints, dimensionless and of order one."""
+        raise _missing(self, "residual(joints, attachment)")
+
+    def start(self, attachment: Attachment) -> tuple[Joints, Scalar | None]:
+        """First guess on the home mode, and how far the attachment lies inside that mode's reach.
+
+        The reach is continuous, dimensionless and >= 0 exactly where the home mode exists; where it is
+        negative, the guess must be the joints of least residual at the mode's edge, which are not iterated
+        further. ``None`` if it is not known in closed form: Newton's success then decides.
+        """
+        raise _missing(self, "start(attachment)")
+
+    def margins(self, joints: Joints, attachment: Attachment) -> Sequence[Scalar]:
+        """Signed distances to the limits, dimensionless, >= 0 where feasible. Default: no limits."""
+        return ()
+
+    def bars(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
+        """Segments to draw, in the base frame; those of a planar robot may have a height too. Default: none."""
+        return ()
+
+    def rails(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
+        """Segments fixed to the base that the leg runs on, to draw, or a joint on it twice. Default: none.
+
+        The first one's first end is the leg's corner of the base.
+        """
+        return ()
+
+    def mode(self, joints: Joints, attachment: Attachment) -> Scalar:
+        """Label of the working mode, an integer. Default: sign of det d residual / d joints."""
+        _, rows = value_and_jacobian(lambda q: self.residual(q, attachment), joints)
+        return jnp.sign(determinant(rows)).astype(jnp.int32)
+
+    def solutions(self, attachment: Attachment) -> tuple[Sequence[Joints], Sequence[Scalar]] | None:
+        """Every root, padded, and which are real. Only this can prove that there is none. Default: unknown."""
+        return None
+
+    def assembles(self, attachment: Attachment) -> Scalar | None:
+        """Whether there is any root. Default: whether ``solutions`` has one; ``None`` if that is unknown."""
+        solutions = self.solutions(attachment)
+        return None if solutions is None else functools.reduce(jnp.logical_or, solutions[1])
+
+    def closes(self, joints: Joints) -> Scalar:
+        """Whether the leg can be assembled with these joints for some attachment. Default: not known to fail."""
+        return True
+
+
+class _NoSpace:
+    """Stands where a robot's space is missing."""
+
+    def __get__(self, robot: Mechanism, cls: type) -> Any:
+        raise ValueError(f"{cls.__name__} has no space; set space = SE3, SE2 or R3 in its class.")
+
+
+class Mechanism:
+    """A parallel robot. Subclasses are pytrees whose leaves are the design."""
+
+    space: ClassVar[type[Space]] = _NoSpace()  # pyright: ignore[reportAssignmentType]
+    dependent: ClassVar[tuple[str, ...]] = ()
+    """Names of the pose coordinates that the constraints determine from the others (parasitic motion)."""
+    joint_order: ClassVar[tuple[int, ...] | None] = None
+    """Place in the array of joints of each leg's joints, taken leg by leg; ``None`` is leg by leg."""
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        check_methods(cls, ROBOT)
+
+    @property
+    def length(self) -> Scalar:
+        """Characteristic length, which makes poses and measures dimensionless."""
+        raise _missing(self, "length")
+
+    def legs(self) -> Leg:
+        """The legs, stacked on the leading axis of every leaf."""
+        raise _missing(self, "legs()")
+
+    def attachments(self, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
+        """What each leg sees of the platform. No trigonometry here: the library has done it."""
+        raise _missing(self, "attachments(position, rotation)")
+
+    def actuation(self) -> tuple[tuple[bool, ...], ...]:
+        """Which joints of each leg are actuated. Default: as the leg's class says."""
+        stacked = self.legs()
+        return (actuated_flags(stacked),) * jax.tree.leaves(stacked)[0].shape[0]
+
+    def actuated(self, joints: JointsLike) -> jax.Array:
+        """The actuated ones of all joints ``(..., n)``, in the order in which the robot counts them."""
+        return jnp.asarray(joints)[..., np.array(actuated_mask(self))]
+
+    def constraints(self, position: Vec, rotation: Rotation) -> Sequence[Scalar]:
+        """Equations among the pose alone, of robots whose platform cannot move freely. Default: none."""
+        return ()
+
+    def home(self) -> tuple[jax.Array, jax.Array]:
+        """A consistent (pose, joints) that names the working mode."""
+        raise _missing(self, "home()")
+
+    def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array] | None:
+        """Every pose ``(modes, d)`` that the actuated joints allow, padded, and which are real ``(modes,)``.
+
+        Only this can prove how many there are. Default: unknown, and the library searches.
+        """
+        return None
+
+    def __repr__(self) -> str:
+        """A table of the robot's dimensions with units."""
+        rows = [(f.name, _shown(getattr(self, f.name)), f.metadata.get("unit", "")) for f in dataclasses.fields(self)]  # type: ignore[arg-type]
+        wide = max(len(name) for name, _, _ in rows)
+        lines = [f"  {name:<{wide}}  {value}{' ' + unit if unit else ''}" for name, value, unit in rows]
+        return "\n".join([type(self).__name__, *lines])
+
+
+def _missing(self: Any, method: str) -> NotImplementedError:
+    return NotImplementedError(
+        f"{type(self).__name__} does not define {method}; see {type(self).__mro__[-2].__name__}."
+    )
+
+
+def _shown(value: Any) -> str:
+    if not is_concrete(value):
+        return str(value)
+    return np.array2string(np.asarray(value), precision=5, floatmode="maxprec", separator=", ").replace("\n", "")
+
+
+def legs_of(robot: Mechanism) -> list[Any]:
+    """The legs of a robot, one by one; unrolled in Python they run faster than under ``vmap``."""
+    stacked = fence(robot.legs())
+    count = jax.tree.leaves(stacked)[0].shape[0]
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], stacked) for i in range(count)]
+
+
+def joint_places(robot: Mechanism) -> list[tuple[int, ...]]:
+    """For every leg, where its joints stand in the array of all joints."""
+    sizes = [len(leg) for leg in robot.actuation()]
+    order = robot.joint_order or tuple(range(sum(sizes)))
+    ends = np.cumsum(sizes)
+    return [order[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+
+
+def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
+    """Which entries of the array of all joints are actuated."""
+    mask = dict(zip(sum(joint_places(robot), ()), sum(robot.actuation(), ()), strict=True))
+    return tuple(mask[i] for i in range(len(mask)))
+
+
+def angular_joints(robot: Mechanism) -> tuple[bool, ...]:
+    """Which entries of the array of all joints are angles."""
+    flags: dict[int, bool] = {}
+    for places in joint_places(robot):
+        flags |= dict(zip(places, robot.legs().angular or (False,) * len(places), strict=True))
+    return tuple(flags[i] for i in range(len(flags)))
+
+
+def split_joints(robot: Mechanism, joints: jax.Array | Joints) -> list[Joints]:
+    """The joints of each leg, from the array of all of them."""
+    every = joint_places(robot)
+    count = sum(map(len, every))
+    if len(joints) != count:
+        raise ValueError(f"Got {len(joints)} joints of a {type(robot).__name__}, whose legs have {count}.")
+    return [tuple(joints[i] for i in places) for places in every]
+
+
+def join_joints(robot: Mechanism, joints: Sequence[Joints]) -> jax.Array:
+    """The array of all joints, from those of each leg."""
+    placed = {
+        i: q for places, leg in zip(joint_places(robot), joints, strict=True) for i, q in zip(places, leg, strict=True)
+    }
+    return jnp.stack([placed[i] for i in range(len(placed))])
+
+
+def seen_by_legs(robot: Mechanism, legs: int, position: Vec, rotation: Rotation) -> list[Attachment]:
+    """What so many legs see of the platform."""
+    seen = robot.attachments(position, rotation)
+    if len(seen) != legs:
+        raise ValueError(
+            f"{type(robot).__name__}.attachments(position, rotation) gave {len(seen)} attachments; expected {legs}, "
+            "one per leg of legs()."
+        )
+    return list(seen)
+
+
+def checked_freedoms(robot: Mechanism, *, more: bool = False) -> None:
+    """Raise unless there are as many actuated joints as the platform has freedoms, or ``more`` where that will do.
+
+    Raises:
+      ValueError: naming both counts.
+    """
+    dimension, actuated = robot.space.dimension, sum(actuated_mask(robot))
+    pose = jax.ShapeDtypeStruct((dimension,), float_dtype(robot))
+    bound = len(jax.eval_shape(lambda pose: robot.constraints(*robot.space.place(pose)), pose))
+    freedoms = dimension - bound
+    if actuated != freedoms and not (more and actuated > freedoms):
+        raise ValueError(
+            f"Got a {type(robot).__name__} with {actuated} actuated joints for {freedoms} freedoms: {dimension} "
+            f"coordinates of the pose ({', '.join(robot.space.names)}) and {bound} constraints on it. Expected as many "
+            "actuated joints as freedoms: see actuated of the leg, legs() and constraints()."
+        )
+
+
+def leg_residual(joints: Joints, args: tuple[Any, Attachment]) -> Joints:
+    """Residual of one leg as a function of module level, the form the solver takes."""
+    leg, attachment = args
+    return leg.residual(joints, attachment)
+
+
+def closure(
+    robot: Mechanism, legs: Sequence[Any], joints: Sequence[Joints], position: Vec, rotation: Rotation
+) -> Joints:
+    """All closure equations, leg by leg, and the constraints on the pose after them."""
+    attachments = seen_by_legs(robot, len(legs), position, rotation)
+    equations = [r for leg, q, a in zip(legs, joints, attachments, strict=True) for r in leg.residual(q, a)]
+    return (*equations, *robot.constraints(position, rotation))
+
+
+def checked_pose(robot: Mechanism, pose: PoseLike) -> tuple[Any, jax.Array]:
+    """Robot and pose in one floating dtype.
+
+    Raises:
+      ValueError: the pose does not have the shape of the robot's space.
+    """
+    pose = jnp.asarray(pose)
+    shape, space = pose.shape, robot.space
+    if jnp.iscomplexobj(pose):
+        raise ValueError(f"Got a complex pose, {pose.dtype}; expected real numbers.")
+    if shape != (space.dimension,):
+        raise ValueError(
+            f"Got a pose of shape {shape}; {type(robot).__name__} expects ({space.dimension},) = "
+            f"({', '.join(space.names)}). Map over a batch of poses with jax.vmap."
+        )
+    robot, pose = as_floats(robot, pose)
+    return robot, pose
+
+
+def checked_joints(robot: Mechanism, joints: JointsLike, *, actuated_only: bool = False) -> jax.Array:
+    """Joints as an array of the robot's dtype.
+
+    Raises:
+      ValueError: the array does not have one entry per joint.
+    """
+    mask = actuated_mask(robot)
+    expected = (sum(mask) if actuated_only else len(mask),)
+    joints = jnp.asarray(joints)
+    if jnp.iscomplexobj(joints):
+        raise ValueError(f"Got complex joints, {joints.dtype}; expected real numbers.")
+    if joints.shape != expected:
+        kind = "actuated joints" if actuated_only else "joints"
+        raise ValueError(
+            f"Got {kind} of shape {joints.shape}; {type(robot).__name__} expects {expected}. "
+            "Map over a batch with jax.vmap."
+        )
+    return joints
