@@ -72,7 +72,8 @@ def size_left(robot):
 @jax.jit
 def reached(robot, sample):
     """Which positions of a sample are reached in all orientations."""
-    return jax.lax.map(lambda poses: sample.region.margin(robot, poses) >= 0, sample[:], batch_size=128)
+    in_all = jax.vmap(lambda pose: js.feasibility(robot, pose).feasible)
+    return jax.lax.map(lambda poses: jnp.all(in_all(poses)), sample[:], batch_size=128)
 
 
 @jax.jit
@@ -125,7 +126,7 @@ def main(argv=None):
     print(f"  in volume: {-volume * seen.before:.4f} -> {-volume * seen.after:.4f} m^3")
     print(f"least slack of the constraints on them: {seen.constraints_before:+.4f} -> {seen.constraints_after:+.4f}")
     width, height, *poses = result.multipliers.constraints
-    print(f"prices (width, height, all poses): {width:.3f}, {height:.3f}, {sum(poses):.3f}")
+    print(f"multipliers (width, height, all poses): {width:.3f}, {height:.3f}, {sum(poses):.3f}")
 
     args.figures.mkdir(exist_ok=True)
     drawn = sample.region.quasi_random(min(checked, 2000))

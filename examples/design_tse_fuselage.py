@@ -154,7 +154,7 @@ def main(argv=None):
         print(f"  {name}: {column.min():+.5f}")
     multipliers = np.asarray(result.multipliers.constraints).reshape(shape[0] * shape[1], -1)
     limits, type1, type2 = (part.sum() for part in np.split(multipliers, [-4, -1], axis=1))
-    print(f"price of the three clearances, metres per unit: {limits:.3f}, {type1:.3f}, {type2:.3f}")
+    print(f"multipliers of the three clearances, metres per unit: {limits:.3f}, {type1:.3f}, {type2:.3f}")
     draw(robot, dense, clear, args.figures)
     print(f"figures in {args.figures}/, {time.perf_counter() - began:.0f} s in all")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +12,6 @@ import numpy as np
 
 from jaxscissor._engine.pytree import float_dtype
 from jaxscissor._engine.types import PyTree
-
-if TYPE_CHECKING:
-    from jaxscissor.robots._contract import Attachment, Leg
 
 Check = Callable[..., Any]  # (self, what the method gave, *its arguments) -> what the library is given
 
@@ -123,7 +120,7 @@ def checked_length(self: Any, length: Any) -> Any:
     return cast(length, float_dtype(self))
 
 
-def checked_residual(self: Any, equations: Any, joints: tuple[Any, ...], attachment: Attachment) -> Any:
+def checked_residual(self: Any, equations: Any, joints: tuple[Any, ...], attachment: PyTree) -> Any:
     """As many equations as joints."""
     if not numbers(equations) or len(equations) != len(joints):
         expected = f"a tuple with one number per joint of the leg, {len(joints)} in all"
@@ -131,7 +128,7 @@ def checked_residual(self: Any, equations: Any, joints: tuple[Any, ...], attachm
     return cast(tuple(equations), jnp.result_type(joints[0]))
 
 
-def checked_start(self: Any, start: Any, attachment: Attachment) -> tuple[Any, Any]:
+def checked_start(self: Any, start: Any, attachment: PyTree) -> tuple[Any, Any]:
     """Joints and the signed reach."""
     pair = isinstance(start, (tuple, list)) and len(start) == 2
     if not pair or not numbers(start[0]):
@@ -146,7 +143,7 @@ def checked_start(self: Any, start: Any, attachment: Attachment) -> tuple[Any, A
     return cast((tuple(joints), reach), _dtype(attachment))
 
 
-def actuated_flags(leg: Leg) -> tuple[bool, ...]:
+def actuated_flags(leg: Any) -> tuple[bool, ...]:
     """Which joints of a leg are actuated, as its class says."""
     flags = getattr(leg, "actuated", None)
     if not isinstance(flags, tuple) or not flags or not all(isinstance(flag, bool) for flag in flags):
@@ -154,7 +151,7 @@ def actuated_flags(leg: Leg) -> tuple[bool, ...]:
     return flags
 
 
-def checked_margins(self: Any, margins: Any, joints: tuple[Any, ...], attachment: Attachment) -> Any:
+def checked_margins(self: Any, margins: Any, joints: tuple[Any, ...], attachment: PyTree) -> Any:
     """One number per limit."""
     if not numbers(margins) or len(margins) != len(self.limits or margins):
         named = f"{len(self.limits)}, as many as limits has names" if self.limits else "one per limit"
@@ -162,7 +159,7 @@ def checked_margins(self: Any, margins: Any, joints: tuple[Any, ...], attachment
     return cast(tuple(margins), jnp.result_type(joints[0]))
 
 
-def checked_solutions(self: Any, solutions: Any, attachment: Attachment) -> Any:
+def checked_solutions(self: Any, solutions: Any, attachment: PyTree) -> Any:
     """All roots, and which are real."""
     if solutions is None:
         return None
