@@ -29,6 +29,11 @@ def safe_sqrt(x: Scalar) -> Scalar:
     The argument is replaced before the root is taken: a ``where`` after it would still send
     ``0 * inf = nan`` through the derivative. What replaces it is next to nothing: the compiler may evaluate
     x twice, rounded differently, and so be of two minds about its sign.
+
+    Example:
+      >>> import jax
+      >>> float(safe_sqrt(4.0)), float(jax.grad(safe_sqrt)(0.0))
+      (2.0, 0.0)
     """
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, tiny(x))), 0)
@@ -49,7 +54,12 @@ def smallest(values: Sequence[Scalar]) -> Scalar:
 
 
 def limit_margins(value: Scalar, low: Scalar, high: Scalar, scale: Scalar) -> tuple[Scalar, Scalar]:
-    """Distances of a value from its two limits, in units of ``scale``; an infinite limit is infinitely far."""
+    """Distances of a value from its two limits, in units of ``scale``; an infinite limit is infinitely far.
+
+    Example:
+      >>> [float(margin) for margin in limit_margins(3.0, 1.0, jnp.inf, 2.0)]
+      [1.0, inf]
+    """
 
     def distance(sign: PyTree, limit: PyTree):
         finite = jnp.isfinite(limit)

@@ -18,12 +18,29 @@ Trees = TypeVarTuple("Trees")
 
 
 def static(**kwargs: Any) -> Any:
-    """Declare a dataclass field that is part of the pytree's structure, not one of its leaves."""
+    """Declare a dataclass field that is part of the pytree's structure, not one of its leaves.
+
+    Example:
+      >>> @pytree
+      ... class Rod:
+      ...     length: float
+      ...     name: str = static(default="rod")
+      >>> jax.tree.leaves(Rod(2.0))
+      [2.0]
+    """
     return dataclasses.field(metadata={"static": True}, **kwargs)
 
 
 def quantity(unit: str, **kwargs: Any) -> Any:
-    """Declare an array field with its unit, which the printed table of a robot shows."""
+    """Declare an array field with its unit, which the printed table of a robot shows.
+
+    Example:
+      >>> @pytree
+      ... class Rod:
+      ...     length: jax.Array = quantity("m")
+      >>> dataclasses.fields(Rod)[0].metadata["unit"]
+      'm'
+    """
     return dataclasses.field(metadata={"unit": unit}, **kwargs)
 
 

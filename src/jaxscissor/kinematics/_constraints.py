@@ -32,6 +32,13 @@ def constrained_pose(robot: Mechanism, pose: PoseLike) -> Solution:
     Raises:
       ValueError: wrong shape of the pose, a dependent coordinate that the pose has not, or not as many
         constraints as dependent coordinates.
+
+    Example:
+      A robot without dependent coordinates; ``examples/02_your_own_robot.ipynb`` has one with three:
+
+      >>> import jaxscissor as js
+      >>> js.constrained_pose(js.NavaroII.prototype(), [45.0, 26.0, 0.1]).value.round(3).tolist()
+      [45.0, 26.0, 0.1]
     """
     robot, pose = checked_pose(robot, pose)
     if not set(robot.dependent) <= set(robot.space.names):

@@ -26,6 +26,12 @@ def history(result: DesignResult, *, ax: Axes | None = None, label: str = "objec
 
     Returns:
       The axes.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> result = js.design.optimize(lambda x: x**2, 0.5, bounds=(-1.0, 1.0), steps=3)
+      >>> len(history(result).lines)  # what keeps the constraints, and what does not
+      2
     """
     ax = new_axes(ax, spatial=False)
     values, violated = np.asarray(result.history.objective), np.asarray(result.history.violation) > 1e-3

@@ -53,6 +53,11 @@ def robot(
     Raises:
       ValueError: wrong shapes, flat axes for a spatial robot, or a pose that the home mode does not reach
         while no joints are given.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> js.plot.robot(js.NavaroII.prototype(), unit="").get_ylabel()
+      'y'
     """
     home_pose, home_joints = robot.home()
     if pose is None:
@@ -110,6 +115,13 @@ def animate(
 
     Raises:
       ValueError: wrong shapes, no poses, or a pose that the home mode does not reach while no joints are given.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.NavaroII.prototype()
+      >>> film = js.plot.animate(robot, [[45.0, 26.0, 0.1], [45.0, 28.0, 0.1]])
+      >>> "<img" in film.to_jshtml()  # what a notebook shows
+      True
     """
     from matplotlib.animation import FuncAnimation
 

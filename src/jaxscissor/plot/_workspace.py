@@ -70,6 +70,13 @@ def workspace_slice(
 
     Raises:
       ValueError: an unknown coordinate or a wrong shape of the pose.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> robot = js.NavaroII.prototype()
+      >>> ax = workspace_slice(robot, [0, 0, 0.1], ("x", "y"), low=(0, 0), high=(90, 80), resolution=20, unit="")
+      >>> ax.get_xlabel()
+      'x'
     """
     robot, slice_ = slice_of(robot, pose, axes, low, high, resolution)
     margins = np.asarray(margins_of(robot, slice_.poses)).reshape(slice_.shape)
