@@ -112,9 +112,8 @@ def main(argv=None):
     )
     print(f"hard fraction on {checked} other poses: {-float(seen.before):.4f} -> {-float(seen.after):.4f}")
     print(f"least slack of ground and height amplification at 41 heights: {float(seen.constraints_after):+.4f}")
-    print(
-        f"multipliers of the constraints (amplification at 5 heights, ground): {result.multipliers.constraints.round(3)}"
-    )
+    multipliers = result.multipliers.constraints.round(3)
+    print(f"multipliers of the constraints (amplification at 5 heights, ground): {multipliers}")
     print("what keeps the tuned robot out of the rest of the cylinder:")
     print(js.workspace.limiting_constraints(robot, sample))
     draw(result, args.figures)
