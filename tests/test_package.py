@@ -56,7 +56,7 @@ def test_every_public_name_is_documented_and_has_an_example_where_it_computes():
 
 def test_metadata_agrees_with_the_promises():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert {re.split("[>=]", d)[0] for d in project["dependencies"]} == {"jax", "numpy", "optax", "matplotlib"}
+    assert {re.split("[>=]", d)[0] for d in project["dependencies"]} == {"jax", "numpy", "scipy", "optax", "matplotlib"}
     assert {"test", "bench", "notebooks", "dev"} <= set(project["optional-dependencies"])
     assert js.__version__ == project["version"]
     assert (SOURCE / "py.typed").exists()

@@ -145,6 +145,10 @@ MISTAKES = {
         lambda: delta({"start": lambda self, at: (RodLeg.start(self, at)[0], RodLeg.start(self, at)[1] - 0.7)}),
         "out of reach, but there is a root",
     ),
+    "reach with the other sign": (
+        lambda: delta({"start": lambda self, at: (RodLeg.start(self, at)[0], -RodLeg.start(self, at)[1])}),
+        "at home, where its home mode exists",
+    ),
     "actuated missing": (lambda: delta({"actuated": None}), "actuated gave None"),
     "actuated too long": (lambda: delta({"actuated": (True, False)}), r"start\(attachment\) gave .*2 in all"),
     "nothing actuated": (lambda: delta({"actuated": (False,)}), "0 actuated joints for 3 freedoms"),

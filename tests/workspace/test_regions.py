@@ -169,6 +169,7 @@ CYLINDER = js.Cylinder(1.0, 1.0)
             "alpha",
         ),
         (lambda: js.workspace.fraction(ring(0.4, 1.0), np.zeros((2, 2, 3))), "Got poses of shape"),
+        (lambda: js.workspace.fraction(ring(0.4, 1.0), BOX), "give a sample of it"),
         (lambda: js.workspace.ray_fraction(ring(0.4, 1.0), js.workspace.PosePath(np.zeros((2, 6)))), "region of poses"),
     ],
 )

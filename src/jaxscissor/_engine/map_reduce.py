@@ -123,9 +123,9 @@ def differentiable_sum(
     """A scalar total of ``map_reduce``, whose gradient is summed chunk by chunk too: nothing is kept between chunks.
 
     Args:
-      update: as of ``map_reduce``, given the keyword ``design`` besides the inputs.
+      update: see ``map_reduce``, given the keyword ``design`` besides the inputs.
       update_with_gradient: the same of the totals (value, gradient by the design).
-      static, plan: as of ``map_reduce``.
+      static, plan: see ``map_reduce``.
       design: what the total is differentiated by.
       inputs: the other arrays, held fixed.
     """

@@ -39,7 +39,7 @@ def program(*static: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 def run_once(function: Callable[P, T], **options: Any) -> Callable[P, T]:
-    """The function as a program that is not worth optimizing; ``options`` as of ``jax.jit``."""
+    """The function as a program that is not worth optimizing; for ``options`` see ``jax.jit``."""
     plain, quick = jax.jit(function, **options), jax.jit(function, compiler_options=UNOPTIMIZED, **options)
 
     @functools.wraps(function)

@@ -68,7 +68,7 @@ def pareto_front(
 
     Args:
       objectives: metrics of a robot, two or more, all to be minimized.
-      params, bounds, build, constraints: as of ``design.optimize``.
+      params, bounds, build, constraints: see ``design.optimize``.
       steps: steps of the optimizer in each round.
       method: the augmented Lagrangian, with an optimizer of optax. Default: with Adam.
       designs: number of weights, and of random designs to start from.
@@ -78,7 +78,7 @@ def pareto_front(
       ``design.ParetoFront`` of what is not dominated among the designs found; none if no design kept the constraints.
 
     Raises:
-      ValueError: fewer than two objectives or designs; bounds and params as of ``design.optimize``.
+      ValueError: fewer than two objectives or designs; bounds and params: see ``design.optimize``.
 
     Example:
       The points between 0 and 1 are the compromises between being near the one and near the other:
@@ -163,7 +163,7 @@ def optimize_variants(
     """Optimize each of several kinds of robot, for what is not a number: a layout, a mode, a count.
 
     Args:
-      objective: metric of a robot, as of ``design.optimize``.
+      objective: metric of a robot; see ``design.optimize``.
       variants: by name, the arguments of ``design.optimize`` that are the variant's own (``params``,
         ``bounds``, ``build``, ...).
       options: the arguments that all have in common.

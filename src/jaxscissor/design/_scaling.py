@@ -50,7 +50,7 @@ def first_scale(seen: PyTree) -> tuple[Scale, list[int]]:
     """The units that follow from the first start, and how many entries each constraint has.
 
     Args:
-      seen: ``((slopes, rows), (objectives, constraints))`` as of ``linearizer``, in units of one. A slope that is zero
+      seen: ``((slopes, rows), (objectives, constraints))`` of ``linearizer``, in units of one. A slope that is zero
         or not finite leaves the unit as it is.
     """
     (slope, rows), (value, constraints) = seen

@@ -82,7 +82,7 @@ class PoseErrorSamples:
 
     Attributes:
       errors: ``(samples, d)`` translation and rotation vector, ``nan`` where the status is not ``CONVERGED``.
-      status: ``(samples,)`` a ``Status`` code each, as of ``forward_kinematics``.
+      status: ``(samples,)`` a ``Status`` code each; see ``forward_kinematics``.
     """
 
     errors: jax.Array
@@ -176,7 +176,7 @@ def sample_pose_errors(
     Args:
       robot: the robot as designed.
       pose: ``(d,)`` in the base frame.
-      tolerances: container like the robot of standard deviations, as for ``design.pose_error``.
+      tolerances: container like the robot of standard deviations; see ``design.pose_error``.
       key: of ``jax.random``. The same key gives the same robots.
       samples: number of robots drawn.
       joints: standard deviations of the actuated joints, ``(m,)`` or one for all.

@@ -130,9 +130,10 @@ def forward_kinematics_all(
 ) -> AssemblyModes:
     """All assembly modes: every pose that the actuated joints give the platform, limits of stroke aside.
 
-    Robots that can eliminate all unknowns but one (the TSE, NaVARo II, Tri-Scott, MICABO) yield all modes.
-    Others are searched by Newton's method from many poses, which may miss some: see ``complete``. In
-    either case each mode is polished on the closure equations, and has the implicit function's derivatives.
+    Robots that define ``assemblies``, as the TSE, NaVARo II, Tri-Scott and MICABO do, yield all modes. Others are
+    searched by Newton's method from many poses, within two of the robot's lengths around home, which may miss some:
+    see ``complete``. In either case each mode is polished on the closure equations, and has the implicit function's
+    derivatives.
 
     Args:
       robot: the robot; every array in it is differentiable.

@@ -114,6 +114,13 @@ def _home(robot: Mechanism) -> Iterator[str]:
             "there, and should be zero. Give joints that meet the legs' equations at the pose."
         )
         return
+    reaches = np.asarray(_reaches(robot, pose))
+    if (reaches < -1e3 * tol).any():
+        yield (
+            f"start() gives leg {int(reaches.argmin()) + 1} the reach {reaches.min():.2g} at home, where its home mode "
+            "exists; the reach must be >= 0 wherever it does."
+        )
+        return
     solution = inverse_kinematics(robot, pose)
     apart = _apart(robot, solution.value, joints)
     if solution.status != Status.CONVERGED or apart > np.sqrt(tol):
@@ -127,6 +134,14 @@ def _home(robot: Mechanism) -> Iterator[str]:
     least = np.asarray(margins(robot, pose)).min()
     if least < 0:
         yield f"margins() at home has {least:.2g}: home() is beyond a limit, so that no pose around it is feasible."
+
+
+@run_once
+def _reaches(robot: Mechanism, pose: jax.Array) -> jax.Array:
+    """The reach of every leg at a pose; zero where none is known."""
+    placed = place(robot, pose)
+    found = [leg.start(attachment)[1] for leg, attachment in zip(placed.legs, placed.attachments, strict=True)]
+    return jnp.stack([jnp.zeros_like(pose[0]) if reach is None else reach for reach in found])
 
 
 def _random_poses(robot: Mechanism, *, poses: int, seed: int) -> Iterator[str]:

@@ -51,8 +51,9 @@ def gear_ratios(robot: Mechanism, pose: PoseLike) -> GearRatios:
       pose: ``(d,)`` in the base frame.
 
     Returns:
-      ``GearRatios``; the vertical one is 1 / |column z| where nothing is bound. All ``nan`` where the home mode does
-      not exist, or the constraints and the actuators leave the platform loose.
+      ``GearRatios``, dimensionless for motors that turn, too: times ``robot.length`` it is length per radian. The
+      vertical one is 1 / |column z| where nothing is bound. All ``nan`` where the home mode does not exist, or the
+      constraints and the actuators leave the platform loose.
 
     Raises:
       ValueError: wrong shape; a robot with fewer actuated joints than freedoms.

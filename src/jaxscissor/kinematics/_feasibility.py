@@ -36,7 +36,7 @@ class Feasibility:
     """Verdict on one pose, or on a batch under ``vmap``.
 
     Attributes:
-      status: as of ``inverse_kinematics``: whether the home mode exists there.
+      status: see ``inverse_kinematics``: whether the home mode exists there.
       margin: dimensionless, >= 0 where the pose is reached in the home mode within all limits.
     """
 

@@ -105,7 +105,7 @@ def surface(
       The axes; angles count in radians.
 
     Raises:
-      ValueError: as for ``js.singularities.surface``.
+      ValueError: see ``js.singularities.surface``.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 

@@ -35,7 +35,8 @@ class Leg:
     """One leg, unbatched. Subclasses are pytrees; the library maps over legs and poses."""
 
     actuated: ClassVar[tuple[bool, ...]]  # one entry per joint of the leg; False is passive
-    angular: ClassVar[tuple[bool, ...] | None] = None  # which joints are angles; None: all are lengths
+    angular: ClassVar[tuple[bool, ...] | None] = None
+    """Which joints are angles; ``None``: all are lengths. A wrong flag changes gear ratios, and no check can see it."""
     limits: ClassVar[tuple[str, ...] | None] = None  # names of the margins, for reports; None: they are numbered
 
     def __init_subclass__(cls, **kwargs: Any):
@@ -111,7 +112,10 @@ class Mechanism:
 
     @property
     def length(self) -> Scalar:
-        """Characteristic length, which makes poses and measures dimensionless."""
+        """Characteristic length, which makes poses and measures dimensionless.
+
+        Searches look so far around home: take it as large as the distances between assembly modes.
+        """
         raise _missing(self, "length")
 
     def legs(self) -> Leg:

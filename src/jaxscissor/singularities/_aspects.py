@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import itertools
 import math
 from collections.abc import Sequence
@@ -139,7 +138,10 @@ def aspects(robot: Mechanism, box: Box, shape: Sequence[int], *, min_type2: floa
     type2 = usable_type2(robot, centres)
     links = [_links(robot, box, shape, centres, type2, min_type2, axis) for axis in range(len(shape))]
     links = np.concatenate(links)
-    labels, sizes = _numbered(_components(len(centres), links), _clear(type2, min_type2))
+    from scipy.sparse.csgraph import connected_components  # importing it with the package would cost a tenth
+
+    _, parts = connected_components(_graph(len(centres), links), directed=False)
+    labels, sizes = _numbered(parts, _clear(type2, min_type2))
     _, first = np.unique(np.append(-1, labels), return_index=True)
     signs = np.sign(type2[first[1:] - 1]).astype(int)
     return Aspects(labels.reshape(tuple(shape)), sizes, signs, links, box, min_type2)
@@ -311,42 +313,30 @@ def least_between(start: np.ndarray, end: np.ndarray, middle: np.ndarray) -> np.
     return np.where(inside, dip, np.minimum(np.minimum(start, end), middle))
 
 
-def _components(count: int, links: np.ndarray) -> np.ndarray:
-    """``(count,)`` least index in the component of each node, by hooking and pointer jumping."""
-    root = np.arange(count)
-    while True:
-        low, high = np.sort(root[links], axis=1).T
-        if np.array_equal(low, high):
-            return root
-        np.minimum.at(root, high, low)
-        while not np.array_equal(root, root[root]):
-            root = root[root]
-
-
-def _numbered(roots: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _numbered(parts: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Labels by falling size, -1 where not clear, and the sizes."""
-    names, places, sizes = np.unique(roots[clear], return_inverse=True, return_counts=True)
+    names, places, sizes = np.unique(parts[clear], return_inverse=True, return_counts=True)
     order = np.argsort(-sizes, kind="stable")
     rank = np.empty(len(names), int)
     rank[order] = np.arange(len(names))
-    labels = np.full(len(roots), -1)
+    labels = np.full(len(parts), -1)
     labels[clear] = rank[places]
     return labels, sizes[order]
 
 
 def _shortest(count: int, links: np.ndarray, start: int, goal: int) -> list[int]:
     """Nodes of a path of fewest links between two nodes of one component."""
-    both = np.concatenate([links, links[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    first = np.searchsorted(both[:, 0], np.arange(count + 1))
-    previous, queue = {goal: goal}, collections.deque([goal])
-    while start not in previous:
-        node = queue.popleft()
-        for neighbour in both[first[node] : first[node + 1], 1].tolist():
-            if neighbour not in previous:
-                previous[neighbour] = node
-                queue.append(neighbour)
+    from scipy.sparse.csgraph import breadth_first_order
+
+    _, previous = breadth_first_order(_graph(count, links), goal, directed=False)
     chain = [start]
     while chain[-1] != goal:
-        chain.append(previous[chain[-1]])
+        chain.append(int(previous[chain[-1]]))
     return chain
+
+
+def _graph(count: int, links: np.ndarray) -> Any:
+    """The cells as nodes, joined by links ``(n, 2)``."""
+    from scipy.sparse import csr_array
+
+    return csr_array((np.ones(len(links)), links.T), (count, count))

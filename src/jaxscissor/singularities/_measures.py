@@ -42,7 +42,7 @@ class Measures:
         Within -1 and 1.
       joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest.
       platform_motion: ``(d,)`` twist that the constraints allow, closest to one with the actuators at rest.
-      status: as of ``inverse_kinematics``.
+      status: see ``inverse_kinematics``.
     """
 
     type1: jax.Array

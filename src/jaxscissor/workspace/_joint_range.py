@@ -42,7 +42,7 @@ def joint_range(robot: Mechanism, region: Region, *, samples: int = 2048, starts
       ``JointRange``, differentiable in the robot and the region. Angles are unwrapped about those of home.
 
     Raises:
-      ValueError: as for ``workspace.worst_over``.
+      ValueError: see ``workspace.worst_over``.
 
     Example:
       The stroke of NaVARo II for a disc of radius 25 with all angles to 90 deg [NAV19 eqs. 13-26]:

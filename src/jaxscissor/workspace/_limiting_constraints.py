@@ -56,7 +56,7 @@ def limiting_constraints(
     Args:
       robot: the robot.
       poses: ``(n, d)`` poses, or a sample of a region, whose poses are made chunk by chunk.
-      execution: as of ``workspace.fraction``.
+      execution: see ``workspace.fraction``.
 
     Returns:
       ``workspace.LimitingConstraints``. Its shares add up to what ``workspace.fraction`` lacks of one.

@@ -27,7 +27,9 @@ def mean_over(robot: Mechanism, quantity: Quantity, poses: PosesLike) -> jax.Arr
 
     Returns:
       ``()`` or ``(k,)``; ``nan`` where the quantity is defined at no pose. Poses that become defined as the
-      robot changes are no part of the derivative.
+      robot changes are no part of the derivative. A quantity that multiplies a ``nan`` by a dimension has a ``nan``
+      derivative at such poses: multiply the mean instead. Poses beyond a limit count, unless the quantity is made
+      ``nan`` there by ``jnp.where(js.feasibility(robot, pose).feasible, ..., jnp.nan)``.
 
     Raises:
       ValueError: poses of the wrong shape, or none.

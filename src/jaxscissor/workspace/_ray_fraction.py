@@ -83,7 +83,7 @@ def ray_fraction(
         first coordinate of a box. The region must have an extent in them.
       cells: cells along each ray.
       seed: shifts the rays, for an independent sample.
-      execution: as of ``workspace.fraction``, but for ``chunk_size``, which is another number of rays; the checkpoint
+      execution: see ``workspace.fraction``; ``chunk_size`` is not used; the checkpoint
         of a gradient is another job than that of the value.
 
     Returns:

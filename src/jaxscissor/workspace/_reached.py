@@ -49,6 +49,8 @@ def checked_sample(robot: Mechanism, poses: PosesLike) -> tuple[Any, Any]:
     Raises:
       ValueError: poses of the wrong shape, or none.
     """
+    if isinstance(poses, Region):
+        raise ValueError(f"Got a {type(poses).__name__}; give a sample of it, such as region.quasi_random(n).")
     sample: Any = poses
     if not isinstance(poses, Sample):
         robot, array = as_floats(robot, jnp.asarray(poses))

@@ -40,13 +40,13 @@ def soft_fraction(
       robot: the robot; every array in it is differentiable, twice in forward over reverse mode.
       poses: ``(n, d)`` poses, or a sample of a region.
       sharpness: inverse width of the boundary layer in units of the margin, dimensionless.
-      execution: as of ``workspace.fraction``. The checkpoint of a gradient is another job than that of the value.
+      execution: see ``workspace.fraction``. The checkpoint of a gradient is another job than that of the value.
 
     Returns:
       A scalar between 0 and 1.
 
     Raises:
-      ValueError: as of ``workspace.fraction``.
+      ValueError: see ``workspace.fraction``.
 
     Example:
       >>> import jax, jaxscissor as js
@@ -91,14 +91,14 @@ def soft_gradient(
     It tells what other poses of the same number would change, not the bias of the finite sharpness.
 
     Args:
-      robot, poses, sharpness, execution: as of ``workspace.soft_fraction``.
+      robot, poses, sharpness, execution: see ``workspace.soft_fraction``.
 
     Returns:
       ``SoftGradient``. The error holds for independent poses; of a quasi-random sample it is an upper estimate,
       and ``nan`` of a single pose.
 
     Raises:
-      ValueError: as of ``workspace.soft_fraction``.
+      ValueError: see ``workspace.soft_fraction``.
 
     Example:
       >>> import jaxscissor as js
