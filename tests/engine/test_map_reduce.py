@@ -241,6 +241,14 @@ def test_a_checkpoint_resumes_on_another_number_of_devices(tmp_path, mesh):
     agree(few(execution=one), few(execution=many))
 
 
+@pytest.mark.parametrize("function", [js.workspace.limiting_constraints, js.workspace.soft_gradient])
+def test_sums_of_many_numbers_are_shared_out_and_resumed_too(function, tmp_path, mesh):
+    robot, saved = Planar3RPR.example(), Execution(chunk_size=128, checkpoint=tmp_path / "job.npz")
+    plain = function(robot, SAMPLE)
+    for execution in (Execution(mesh=mesh, chunk_size=128), saved, saved):
+        agree(plain, function(robot, SAMPLE, execution=execution))
+
+
 def test_blocks_and_progress_change_no_result(monkeypatch):
     robot = Planar3RPR.example()
     whole = {name: jax.value_and_grad(function)(robot) for name, function in FUNCTIONS.items()}

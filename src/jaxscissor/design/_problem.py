@@ -14,7 +14,7 @@ from jaxscissor._engine.types import PyTree
 from jaxscissor.robots._contract import Mechanism
 
 FEASIBLE = 1e-3  # violation that the best design may have
-PERIOD = 10  # steps between two updates of multipliers and penalties, and between two checkpoints
+PERIOD = 10  # steps between two updates of an augmented Lagrangian's multipliers, and between two checkpoints
 
 Constraints = tuple[jax.Array, ...]  # values, one vector per constraint, satisfied where >= 0
 Evaluate = Callable[[Any, Any, Any], tuple[jax.Array, Constraints]]
@@ -40,7 +40,7 @@ class StepInfo(NamedTuple):
 
 
 Step = Callable[[Any, Any, Any, Any], tuple[Any, StepInfo]]
-"""(state, start_args, shared_args, update) -> state and info; ``update`` raises multipliers or penalties."""
+"""(state, start_args, shared_args, update) -> state and info; ``update`` sets an augmented Lagrangian's multipliers."""
 
 
 class Solver(NamedTuple):

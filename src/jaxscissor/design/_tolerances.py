@@ -164,7 +164,13 @@ def pose_error(robot: Mechanism, pose: PoseLike, tolerances: PyTree, *, joints: 
 
 @program("samples")
 def sample_pose_errors(
-    robot: Mechanism, pose: PoseLike, tolerances: PyTree, key: PyTree, samples: int = 100_000, *, joints: Numbers = 0.0
+    robot: Mechanism,
+    pose: PoseLike,
+    tolerances: PyTree,
+    key: jax.Array,
+    samples: int = 100_000,
+    *,
+    joints: Numbers = 0.0,
 ) -> PoseErrorSamples:
     """Errors of the pose of robots drawn at random, each assembled by Newton's method: Monte Carlo.
 
@@ -270,7 +276,7 @@ def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
 
 
 def _sample(
-    robot: Mechanism, pose: jax.Array, deviations: PyTree, joint_deviations: jax.Array, key: PyTree, samples: int
+    robot: Mechanism, pose: jax.Array, deviations: PyTree, joint_deviations: jax.Array, key: jax.Array, samples: int
 ) -> PoseErrorSamples:
     solution = inverse_kinematics(robot, pose)
     home_pose, home_joints = robot.home()
@@ -281,7 +287,7 @@ def _sample(
     nominal, rebuild = ravel_pytree((copies_of(robot), actuated))
     spread, _ = ravel_pytree((deviations, joint_deviations))
 
-    def one(key: PyTree):
+    def one(key: jax.Array):
         copies, held = rebuild(nominal + spread * jax.random.normal(key, nominal.shape, nominal.dtype))
         crooked = PerLeg(copies)
         state, error, _ = assemble(crooked, held, start, tol, 50)

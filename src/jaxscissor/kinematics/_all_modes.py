@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -123,7 +122,7 @@ def forward_kinematics_all(
     joints: JointsLike,
     *,
     tol: Number | None = None,
-    apart: Any = None,
+    apart: Number | None = None,
     starts: int = 8192,
     modes: int = 40,
     seed: int = 0,

@@ -11,7 +11,7 @@ from jaxscissor._engine.matrices import inverse, is_regular, singular_values
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats, pytree
-from jaxscissor._engine.types import PoseLike
+from jaxscissor._engine.types import Numbers, PoseLike
 from jaxscissor.kinematics._jacobians import constraint_rows, twist_jacobian
 from jaxscissor.robots._contract import (
     Mechanism,
@@ -113,7 +113,7 @@ def _vertical(usable: Scalar, matrix: jax.Array) -> jax.Array:
 
 
 @one_pose()
-def height_amplification(robot: Mechanism, reference: Mechanism, heights: Any) -> jax.Array:
+def height_amplification(robot: Mechanism, reference: Mechanism, heights: Numbers) -> jax.Array:
     """Vertical gear ratio of a robot over that of a reference, level on the axis [RAL17 eq. 21].
 
     Args:

@@ -9,7 +9,7 @@ from jax import lax
 from jaxscissor._engine.numerics import Scalar, default_tol
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats
-from jaxscissor._engine.types import ActuatedLike, JointsLike, Number
+from jaxscissor._engine.types import ActuatedLike, Number, PoseLike
 from jaxscissor.kinematics._legs import closest_joints
 from jaxscissor.kinematics._platform import all_joints, assemble, assembly_sign, differentiable_pose, state_at
 from jaxscissor.kinematics._solution import Solution, Status
@@ -28,7 +28,7 @@ def forward_kinematics(
     robot: Mechanism,
     actuated: ActuatedLike,
     *,
-    guess: JointsLike | None = None,
+    guess: PoseLike | None = None,
     tol: Number | None = None,
     max_steps: Number = 50,
 ) -> Solution:

@@ -147,7 +147,7 @@ def aspects(robot: Mechanism, box: Box, shape: Sequence[int], *, min_type2: floa
     return Aspects(labels.reshape(tuple(shape)), sizes, signs, links, box, min_type2)
 
 
-def aspect_path(robot: Mechanism, partition: Aspects, start: PyTree, goal: Any) -> AspectPath:
+def aspect_path(robot: Mechanism, partition: Aspects, start: PoseLike, goal: PoseLike) -> AspectPath:
     """Path between two poses through the fewest cells of one aspect, verified densely.
 
     Args:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from jaxscissor._engine.pytree import pytree, static
-from jaxscissor._engine.types import PyTree
+from jaxscissor._engine.types import Numbers
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import Mechanism
 from jaxscissor.singularities._aspects import between, least_between, usable_type2
@@ -36,7 +36,7 @@ class ModePlan:
     type2: np.ndarray
 
 
-def plan_modes(robots: Mapping[int, Mechanism], path: PyTree, *, min_type2: float) -> ModePlan:
+def plan_modes(robots: Mapping[int, Mechanism], path: Numbers, *, min_type2: float) -> ModePlan:
     """The sequence of actuation modes with the fewest switches that keeps a path clear of type-2 singularities.
 
     Among plans with equally few switches the one with the largest worst measure is chosen; both are exact, by
