@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from jaxscissor.robots._contract import join_joints, legs_of, split_joints
+from jaxscissor.robots._contract import actuated_mask, angular_joints, joints_by_leg, joints_together
+from jaxscissor.robots._over_legs import one_by_one
 from tests.conftest import ALL, as_users, exhaustive
 from tests.toys import Planar3RPR
 
@@ -40,9 +41,9 @@ reverse_mode = jax.jit(jax.jacrev(forward, (0, 1)))
 def shaken_joints(robot, rng, size=0.03):
     """Actuated joints near home, which the robot can take."""
     home = np.asarray(robot.actuated(robot.home()[1]))
-    angular = robot.legs().angular or (False,) * len(robot.actuation()[0])
-    units = join_joints(robot, [[1.0 if a else robot.length for a in angular]] * len(robot.actuation()))
-    return jnp.asarray(home + np.asarray(robot.actuated(units)) * size * rng.uniform(-1, 1, (LANES, len(home))))
+    turns = [one for one, actuated in zip(angular_joints(robot), actuated_mask(robot), strict=True) if actuated]
+    units = np.where(turns, 1.0, float(robot.length))
+    return jnp.asarray(home + units * size * rng.uniform(-1, 1, (LANES, len(home))))
 
 
 def reachable_poses(robot, rng):
@@ -321,16 +322,18 @@ def test_the_generating_pose_is_among_the_assembly_modes(robot, rng):
 
 def test_every_working_mode_closes_and_home_is_among_them(robot):
     pose, joints = robot.home()
-    if legs_of(robot)[0].solutions(robot.attachments(*robot.space.place(pose))[0]) is None:
+    leg, *_ = next(one_by_one(robot.legs()))
+    if leg.solutions(robot.attachments(*robot.space.place(pose))[0]) is None:
         with pytest.raises(ValueError, match="does not know all its solutions"):
             js.inverse_kinematics_all(robot, pose)
         return
     modes = js.inverse_kinematics_all(robot, pose)
     values, valid = np.asarray(modes.values), np.asarray(modes.valid)
-    for i, home in enumerate(split_joints(robot, joints)):
-        assert np.abs(values[i][valid[i]] - np.array(home)).max(axis=1).min() < 1e-9 * float(robot.length)
+    for i, home in enumerate(np.stack(joints_by_leg(robot, joints), axis=1)):
+        assert np.abs(values[i][valid[i]] - home).max(axis=1).min() < 1e-9 * float(robot.length)
     for choice in itertools.islice(itertools.product(*(one[ok] for one, ok in zip(values, valid, strict=True))), 64):
-        assert np.abs(js.residual(robot, pose, joints=join_joints(robot, choice))).max() < 1e-12
+        together = joints_together(robot, tuple(np.stack(choice, axis=1)))
+        assert np.abs(js.residual(robot, pose, joints=together)).max() < 1e-12
 
 
 def measured(robot, pose):

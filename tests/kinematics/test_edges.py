@@ -60,7 +60,7 @@ def test_all_modes_have_the_home_mode_where_inverse_kinematics_has_it(robot, rng
     poses = poses_at_edges(robot, 20_000, rng)
     solved = as_users(jax.vmap(js.inverse_kinematics, (None, 0)))(robot, poses)
     modes = as_users(jax.vmap(js.inverse_kinematics_all, (None, 0)))(robot, poses)
-    joints = np.asarray(solved.value)[:, np.array(joint_places(robot))][:, :, None]  # (n, legs, 1, joints of a leg)
+    joints = np.asarray(solved.value)[:, joint_places(robot)][:, :, None]  # (n, legs, 1, joints of a leg)
     apart = np.abs(np.asarray(modes.values) - joints).max(axis=-1)
     has_home = np.any(modes.valid & (apart < 1e-9), axis=2).all(axis=1)
     assert np.all(has_home[np.asarray(solved.converged)])

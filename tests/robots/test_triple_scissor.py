@@ -13,7 +13,8 @@ import pytest
 
 import jaxscissor as js
 from jaxscissor.kinematics._jacobians import leg_jacobian
-from jaxscissor.robots._contract import legs_of, split_joints
+from jaxscissor.robots._contract import joints_by_leg, seen_by_legs
+from jaxscissor.robots._over_legs import one_by_one
 from tests.conftest import as_users, exhaustive
 from tests.oracles import apices, continue_from_home, quartic_joints
 
@@ -121,14 +122,12 @@ def test_all_working_modes_are_the_real_roots_of_the_quartic(ratios, random_pose
 def solve_from(robot, pose, guess):
     """Inverse kinematics from a guess, and the legs' modes in the end and at first."""
     solution = js.inverse_kinematics(robot, pose, guess=guess)
-    seen = list(zip(legs_of(robot), robot.attachments(*js.SE3.place(pose)), strict=True))
+    seen = seen_by_legs(robot, *js.SE3.place(pose))
     modes = [
-        jnp.stack(
-            [leg.mode(q, attachment) for (leg, attachment), q in zip(seen, split_joints(robot, joints), strict=True)]
-        )
+        [leg.mode(q, one) for leg, q, one in one_by_one(robot.legs(), joints_by_leg(robot, joints), seen)]
         for joints in (solution.value, guess)
     ]
-    return solution, *modes
+    return solution, *(jnp.stack(mode) for mode in modes)
 
 
 def test_a_guess_chooses_the_working_mode_and_its_loss_is_told(prototype, rng):
@@ -147,10 +146,10 @@ def test_degenerate_elimination_on_the_axis_and_on_aligned_slides(eta):
         pose = robot.home()[0].at[1].add(offset)
         modes = js.inverse_kinematics_all(robot, pose)
         assert bool(js.inverse_kinematics(robot, pose).converged)
-        for leg, attachment in zip(legs_of(robot), robot.attachments(*js.SE3.place(pose)), strict=True):
-            for joints, valid in zip(modes.values[0], modes.valid[0], strict=True):
-                if leg is legs_of(robot)[0] and bool(valid):
-                    assert np.abs(jnp.stack(leg.residual(tuple(joints), attachment))).max() < 1e-12
+        cases = one_by_one(robot.legs(), seen_by_legs(robot, *js.SE3.place(pose)), modes.values, modes.valid)
+        for leg, attachment, values, valid in cases:
+            for joints in values[valid]:
+                assert np.abs(jnp.stack(leg.residual(tuple(joints), attachment))).max() < 1e-12
         gradient = jax.jacfwd(lambda p: js.inverse_kinematics(robot, p).value)(pose)
         assert bool(jnp.all(jnp.isfinite(gradient)))
         assert bool(jnp.all(jnp.isfinite(jax.grad(lambda p: js.feasibility(robot, p).margin)(pose))))
@@ -237,8 +236,7 @@ def test_the_conventions_of_icra16_are_reachable():
     robot = js.TripleScissorExtender.from_ratios(
         0.2647, math.pi / 6, 2 * d / math.sqrt(3), 0.1, azimuths=(0.0, -third, third)
     )
-    legs = legs_of(robot)
-    first, second = legs[0], legs[1]
+    (first,), (second,), _ = one_by_one(robot.legs())
     along = np.asarray(first.slide_a.array())
     assert np.abs(along - second.slide_b.array()).max() < 1e-15, "adjacent slides are parallel"
     between = np.asarray((second.origin - first.origin).array())
@@ -307,8 +305,8 @@ def test_icra_jacobian_at_the_centre_and_its_block_form(prototype):
         [-across, (2 * reach - slide) / below, 2 * height / below],
     ])  # fmt: skip
     rows = []
-    attachments = prototype.attachments(*js.SE3.place(pose))
-    for i, (leg, attachment) in enumerate(zip(legs_of(prototype), attachments, strict=True)):
+    seen = seen_by_legs(prototype, *js.SE3.place(pose))
+    for i, (leg, attachment) in enumerate(one_by_one(prototype.legs(), seen)):
         azimuth = 2 * math.pi * i / 3
         outward, up = np.array([math.cos(azimuth), math.sin(azimuth), 0]), np.array([0, 0, 1])
         local = np.stack([[math.sin(azimuth), -math.cos(azimuth), 0], outward, up])
@@ -370,12 +368,13 @@ def test_height_amplification_is_one_over_k1_where_it_is_constant():
 def test_leg_dimensions_can_be_changed_one_by_one(prototype):
     """Calibration works on the legs: a longer bar in leg 2 moves its own slides only."""
     pose = jnp.array([0.1, 0.05, 1.0, 0.1, -0.2, 0.3])
+    _, (second,), _ = one_by_one(prototype.legs())
 
     def joints(length):
-        leg = dataclasses.replace(legs_of(prototype)[1], base_link=length)
+        leg = dataclasses.replace(second, base_link=length)
         return jnp.stack(leg.start(prototype.attachments(*js.SE3.place(pose))[1])[0])
 
-    nominal = legs_of(prototype)[1].base_link
+    nominal = second.base_link
     assert np.abs(joints(nominal) - js.inverse_kinematics(prototype, pose).value[2:4]).max() < 1e-6
     assert np.abs(joints(nominal * 1.01) - joints(nominal)).max() > 1e-3
 

@@ -24,7 +24,12 @@ def last_inside(
 
     So near that one Newton step from the first, which has no kink before it, gives the root to rounding.
     Interpolate, truncate, project [Oliveira and Takahashi, ACM TOMS 47, 2020]: nearly as fast as secants on
-    smooth functions and, one step aside, never slower than bisection on others.
+    smooth functions and, one step aside, never slower than bisection on others. A step goes so:
+
+    1. Interpolate: the root of the secant through both ends.
+    2. Truncate: move it towards the middle by 0.2 (high - low)^2 / (first width), so that it falls beyond the root.
+    3. Project: no farther from the middle than the steps that bisection would have left allow.
+    4. Evaluate there, and replace the end on the same side of zero.
     """
     width = float(jnp.finfo(low.dtype).eps) ** 0.75
     first = jnp.where(used, high - low, 1)

@@ -76,6 +76,10 @@ def planned(size: int, execution: Execution) -> Plan:
 def map_reduce(update: Callable[..., Any], static: PyTree, plan: Plan, init: PyTree, inputs: dict[str, Any]) -> Any:
     """The totals to which ``update(static, totals, indices, counted, **inputs)`` has added chunk after chunk.
 
+    1. Under a transformation, or in the caller's own program, all chunks are one loop.
+    2. Else they are blocks of chunks, each a call of one program, between which progress is shown and the totals are
+       saved; a checkpoint of the same job is where the first block begins.
+
     Args:
       update: function of a module, not one made on the spot: it is part of the key of the compiled program.
         It adds the cases ``indices`` to the totals, except those not ``counted``, which fill the last chunk.

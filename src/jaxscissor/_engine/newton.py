@@ -61,6 +61,10 @@ def newton(
 ) -> tuple[Any, Scalar, Scalar]:
     """Solve ``residual(state, args) = 0`` by Newton steps, halved while they do not reduce the residual.
 
+    1. The residual r and its Jacobian J by a step from the state; the Newton step is d = -J^-1 r.
+    2. Try the state moved by a share of d, at first by all of it.
+    3. If the residual is smaller there, go, and double the share up to one; if not, stay, and halve it.
+
     ``nudge`` steps like ``retract`` to first order, where that takes fewer operations.
 
     Lanes stop when they converge, and lanes that are not ``active`` never start. Derivatives do not pass:
@@ -139,7 +143,11 @@ def fold_distance(residual: Residual, root: Unknowns, args: PyTree) -> Scalar:
 
 
 def least_squares(residual: Residual, start: Unknowns, args: PyTree, *, max_steps: int = 40) -> Unknowns:
-    """The unknowns of (locally) least squared residual, by Levenberg-Marquardt; derivatives do not pass."""
+    """The unknowns of (locally) least squared residual, by Levenberg-Marquardt; derivatives do not pass.
+
+    1. Solve (J^T J + damping trace(J^T J) I) d = J^T r [Nocedal and Wright, section 10.3].
+    2. If the sum of squares is smaller at x - d, go there, and divide the damping by 8; if not, multiply it by 4.
+    """
     start, args = lax.stop_gradient((start, args))
 
     def squares(values: PyTree):

@@ -35,7 +35,12 @@ def near_roots(function: Callable[[jax.Array], jax.Array], degree: int, dtype: j
 
 
 def _polynomial_roots(coefficients: jax.Array, max_steps: int = 100) -> jax.Array:
-    """All complex roots of a polynomial, lowest coefficient first, by Aberth's simultaneous iteration."""
+    """All complex roots of a polynomial, lowest coefficient first, by Aberth's simultaneous iteration.
+
+    1. Start near the unit circle, at places that share no symmetry with the roots.
+    2. For every root the Newton step w = p / p', and the push of the others s = sum 1 / (z - z').
+    3. Move by w / (1 - w s), until no root moves by more than rounding [Aberth, Math. Comp. 27, 1973].
+    """
     degree = coefficients.shape[0] - 1
     real = jnp.real(coefficients).dtype
     numbers = jnp.arange(degree, dtype=real)

@@ -43,6 +43,12 @@ def lagrangian_step(evaluate: Evaluate, optimizer: PyTree, *, comparable: bool =
 
     projected onto the bounds, and now and then sets m = max(m - mu c(x), 0) [Nocedal and Wright, section 17.4,
     in the form that eliminates the slacks]. A constraint that is ``nan`` counts as violated but has no gradient.
+    A step:
+
+    1. The augmented function, the constraints and the gradient at the design.
+    2. The optimizer's update along the gradient, without what would leave the unit cube, clipped to it.
+    3. The multipliers' estimate, taken over if this step is to update them.
+    4. The best design so far, by violation first and the objective next.
 
     Args:
       evaluate: objective and constraints of a point, given what belongs to its start and what is shared by all.

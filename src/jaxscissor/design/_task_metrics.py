@@ -14,7 +14,8 @@ from jaxscissor.kinematics._feasibility import reached_margin
 from jaxscissor.kinematics._inverse import inverse_kinematics
 from jaxscissor.kinematics._legs import place
 from jaxscissor.regions._samples import PosesLike
-from jaxscissor.robots._contract import Mechanism, split_joints
+from jaxscissor.robots._contract import Mechanism, joints_by_leg
+from jaxscissor.robots._over_legs import one_by_one
 from jaxscissor.singularities._measures import measures
 from jaxscissor.workspace._worst_over import worst_over
 
@@ -84,6 +85,6 @@ def _all_measures(robot: Mechanism, pose: jax.Array) -> jax.Array:
 
 def _horizontal_reach(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> jax.Array:
     placed = place(robot, pose)
-    legs = zip(placed.legs, split_joints(robot, joints), placed.attachments, strict=True)
-    ends = [end for leg, values, attachment in legs for bar in leg.bars(values, attachment) for end in bar]
+    legs = one_by_one(placed.legs, joints_by_leg(robot, joints), placed.attachments)
+    ends = [end for leg, q, seen in legs for bar in leg.bars(q, seen) for end in bar]
     return jnp.max(jnp.stack([safe_sqrt(end.x**2 + end.y**2) for end in ends])) if ends else jnp.zeros_like(pose[0])

@@ -18,7 +18,7 @@ from jaxscissor._engine.pytree import as_floats, broadcast, pytree, with_fields
 from jaxscissor._engine.types import Numbers, PoseLike, PyTree
 from jaxscissor.kinematics._inverse import inverse_kinematics
 from jaxscissor.kinematics._legs import MAX_STEPS, place, solve_legs
-from jaxscissor.kinematics._platform import all_joints, assemble, assembly_sign, state_at
+from jaxscissor.kinematics._platform import all_joints, assemble, assembly_sign, legs_close, state_at
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import (
     Mechanism,
@@ -26,10 +26,8 @@ from jaxscissor.robots._contract import (
     angular_joints,
     checked_pose,
     closure,
-    join_joints,
     joint_places,
-    legs_of,
-    split_joints,
+    joints_together,
 )
 from jaxscissor.robots._per_leg import PerLeg, copies_of
 from jaxscissor.singularities._measures import closure_matrix, passive_columns
@@ -245,12 +243,10 @@ def _pose_error(robot: Mechanism, pose: jax.Array, deviations: PyTree, joints: j
 def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     placed, size = place(robot, pose), robot.space.dimension
     results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
-    joints = join_joints(robot, [result.value for result in results])
+    joints = joints_together(robot, results.value)
     matrix = fence(closure_matrix(robot, placed.position, placed.rotation, fence(joints)))
     unknown = matrix[:, jnp.array([*range(size), *passive_columns(robot)])]
-    usable = placed.finite & is_regular([list(row) for row in unknown])
-    for result in results:
-        usable = usable & result.solved
+    usable = placed.finite & jnp.all(results.solved) & is_regular([list(row) for row in unknown])
     unit = jnp.eye(len(unknown), dtype=unknown.dtype)
     scale = jnp.where(jnp.arange(size) < robot.space.translations, robot.length, 1)[:, None]
     # row j: how much the closure's residuals move coordinate j of the twist; zero where the pose is not usable
@@ -258,9 +254,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
 
     def residuals(copies: jax.Array):
         crooked = PerLeg(copies)
-        return jnp.stack(
-            closure(crooked, legs_of(crooked), split_joints(robot, joints), placed.position, placed.rotation)
-        )
+        return jnp.stack(closure(crooked, crooked.legs(), joints, placed.position, placed.rotation))
 
     _, pull = jax.vjp(residuals, copies_of(robot))
     (by_copies,) = jax.vmap(pull)(fence(adjoint))
@@ -269,7 +263,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
 
 def _driven(robot: Mechanism, matrix: jax.Array) -> jax.Array:
     """Derivative of the closure by the actuated joints, in their order and units."""
-    column_of = {joint: robot.space.dimension + i for i, joint in enumerate(sum(joint_places(robot), ()))}
+    column_of = {joint: robot.space.dimension + i for i, joint in enumerate(joint_places(robot).ravel())}
     units = [1 if angle else robot.length for angle in angular_joints(robot)]
     driven = [i for i, actuated in enumerate(actuated_mask(robot)) if actuated]
     return jnp.stack([matrix[:, column_of[i]] / units[i] for i in driven], axis=1)
@@ -293,8 +287,7 @@ def _sample(
         state, error, _ = assemble(crooked, held, start, tol, 50)
         same = assembly_sign(crooked, held, state) == sign
         status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
-        for leg, q in zip(legs_of(crooked), split_joints(robot, all_joints(robot, held, state)), strict=True):
-            status = jnp.where(leg.closes(q), status, Status.NO_SOLUTION)
+        status = jnp.where(legs_close(crooked, all_joints(robot, held, state)), status, Status.NO_SOLUTION)
         return robot.space.between((start.position, start.rotation), (state.position, state.rotation)), status
 
     chunks = math.ceil(samples / _LANES)

@@ -23,9 +23,10 @@ from jaxscissor.robots._contract import (
     checked_freedoms,
     checked_joints,
     checked_pose,
-    legs_of,
-    split_joints,
+    joints_by_leg,
+    seen_by_legs,
 )
+from jaxscissor.robots._over_legs import one_by_one
 from jaxscissor.robots._upright import normal_of
 
 
@@ -69,7 +70,7 @@ def inverse_kinematics_all(robot: Mechanism, pose: PoseLike) -> WorkingModes:
     placed, tol = place(robot, pose), default_tol(pose.dtype)
     homes, _ = solve_legs(robot, placed, None, tol, MAX_STEPS)
     values, valid = [], []
-    for leg, attachment, home in zip(placed.legs, placed.attachments, homes, strict=True):
+    for leg, attachment, home in one_by_one(placed.legs, placed.attachments, homes):
         solutions = leg.solutions(attachment)
         if solutions is None:
             raise ValueError(
@@ -131,8 +132,11 @@ def forward_kinematics_all(
 
     Robots that define ``assemblies``, as the TSE, NaVARo II, Tri-Scott and MICABO do, yield all modes. Others are
     searched by Newton's method from many poses, within two of the robot's lengths around home, which may miss some:
-    see ``complete``. In either case each mode is polished on the closure equations, and has the implicit function's
-    derivatives.
+    see ``complete``. In either case:
+
+    1. Newton's method on the closure equations, from every pose of the elimination or of the search.
+    2. Drop what does not close, and of poses closer than ``apart`` all but one.
+    3. Attach the implicit function's derivative to what is left.
 
     Args:
       robot: the robot; every array in it is differentiable.
@@ -236,8 +240,8 @@ def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
 
     def sensible(pose: jax.Array, joints: jax.Array):
         position, rotation = robot.space.place(pose)
-        attachments = robot.attachments(position, rotation)
-        legs = list(zip(legs_of(robot), split_joints(robot, joints), attachments, strict=True))
+        seen = seen_by_legs(robot, position, rotation)
+        legs = list(one_by_one(robot.legs(), joints_by_leg(robot, joints), seen))
         margins = [margin for leg, q, attachment in legs for margin in leg.margins(q, attachment)]
         if spatial:
             corners = [rails[0][0] for rails in (leg.rails(q, seen) for leg, q, seen in legs) if rails]

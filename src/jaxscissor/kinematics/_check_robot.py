@@ -28,12 +28,11 @@ from jaxscissor.robots._contract import (
     Mechanism,
     angular_joints,
     checked_freedoms,
+    joints_by_leg,
     leg_residual,
-    legs_of,
     seen_by_legs,
-    split_joints,
 )
-from jaxscissor.robots._over_legs import over_legs
+from jaxscissor.robots._over_legs import one_by_one, over_legs
 
 _STEP, _CLOSE = 1e-5, 1e-4  # of differences, and how well they agree with derivatives
 
@@ -79,17 +78,12 @@ def _counts(robot: Mechanism) -> Iterator[str]:
     space = robot.space
     pose, joints = robot.home()
 
-    def attachments(robot: Mechanism, pose: jax.Array):
-        legs = legs_of(robot)
-        return legs, seen_by_legs(robot, len(legs), *space.place(pose)), robot.length
-
     def alone(robot: Mechanism, pose: jax.Array):
-        legs, seen, _ = attachments(robot, pose)
-        return [(leg.start(attachment), leg.solutions(attachment)) for leg, attachment in zip(legs, seen, strict=True)]
+        cases = one_by_one(robot.legs(), seen_by_legs(robot, *space.place(pose)))
+        return robot.length, [(leg.start(seen), leg.solutions(seen)) for leg, seen in cases]
 
     def together(robot: Mechanism, pose: jax.Array, joints: jax.Array):
-        legs, seen, _ = attachments(robot, pose)
-        cases = list(zip(legs, split_joints(robot, joints), seen, strict=True))
+        cases = one_by_one(robot.legs(), joints_by_leg(robot, joints), seen_by_legs(robot, *space.place(pose)))
         return [[getattr(leg, name)(*case) for name in ("residual", "margins", "mode")] for leg, *case in cases]
 
     jax.eval_shape(alone, robot, pose)
@@ -140,7 +134,7 @@ def _home(robot: Mechanism) -> Iterator[str]:
 def _reaches(robot: Mechanism, pose: jax.Array) -> jax.Array:
     """The reach of every leg at a pose; zero where none is known."""
     placed = place(robot, pose)
-    found = [leg.start(attachment)[1] for leg, attachment in zip(placed.legs, placed.attachments, strict=True)]
+    found = [leg.start(seen)[1] for leg, seen in one_by_one(placed.legs, placed.attachments)]
     return jnp.stack([jnp.zeros_like(pose[0]) if reach is None else reach for reach in found])
 
 
@@ -172,10 +166,8 @@ class _LegsReport(NamedTuple):
 def _legs_reports(robot: Mechanism, pose: jax.Array) -> _LegsReport:
     placed = place(robot, pose)
     home_pose, home_joints = robot.home()
-    at_home = seen_by_legs(robot, len(placed.legs), *robot.space.place(home_pose))
-    cases = list(zip(placed.attachments, split_joints(robot, home_joints), at_home, strict=True))
-    rows = over_legs(lambda leg, case: _leg_report(leg, *case), robot.legs(), cases)
-    return _LegsReport(*(jnp.stack(column) for column in zip(*rows, strict=True)))
+    at_home = seen_by_legs(robot, *robot.space.place(home_pose))
+    return over_legs(_leg_report, placed.legs, placed.attachments, joints_by_leg(robot, home_joints), at_home)
 
 
 def _leg_report(leg: Leg, attachment: Attachment, home: Joints, at_home: Any) -> _LegsReport:

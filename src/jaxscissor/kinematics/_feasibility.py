@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._engine.cpu.fence import fence
-from jaxscissor._engine.newton import fold_distance, least_squares
+from jaxscissor._engine.newton import fold_distance, implicit, least_squares
 from jaxscissor._engine.numerics import Scalar, default_tol, safe_sqrt, smallest
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import pytree
@@ -20,7 +19,6 @@ from jaxscissor.kinematics._constraints import constrained_pose
 from jaxscissor.kinematics._legs import (
     MAX_STEPS,
     LegResult,
-    differentiable_root,
     home_modes,
     leg_status,
     place,
@@ -28,7 +26,7 @@ from jaxscissor.kinematics._legs import (
 )
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import Attachment, Joints, Leg, Mechanism, checked_pose, leg_residual
-from jaxscissor.robots._over_legs import over_legs
+from jaxscissor.robots._over_legs import one_by_one, over_legs
 
 
 @pytree
@@ -93,11 +91,9 @@ def reached_margin(robot: Mechanism, pose: jax.Array) -> Scalar:
 def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     placed = place(robot, pose)
     homes = home_modes(robot, placed)
-    seen = list(zip(placed.attachments, homes, strict=True))
-    verdicts = over_legs(_verdict, *lax.stop_gradient((robot.legs(), seen)))
-    margins, statuses = zip(*verdicts, strict=True)
-    margin = _least(margins, list(zip(placed.legs, placed.attachments, strict=True)), homes)
-    status = functools.reduce(jnp.maximum, statuses)
+    margins, statuses = over_legs(_verdict, *lax.stop_gradient((placed.legs, placed.attachments, homes)))
+    margin = _least(margins, (placed.legs, placed.attachments), homes)
+    status = jnp.max(statuses)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
         off, tol = fence(safe_sqrt(sum(c * c for c in constraints))), default_tol(pose.dtype)
@@ -107,24 +103,24 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     return Feasibility(jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32), margin)
 
 
-def _verdict(leg: Leg, case: tuple[Any, Any]) -> tuple[Scalar, Scalar]:
-    """Margin and status of one leg, given (attachment, home)."""
-    margin, result = _leg_margin(leg, *case, False)
-    return margin, leg_status(leg, case[0], result)
+def _verdict(leg: Leg, attachment: Attachment, home: PyTree) -> tuple[Scalar, Scalar]:
+    """Margin and status of one leg."""
+    margin, result = _leg_margin(leg, attachment, home, False)
+    return margin, leg_status(leg, attachment, result)
 
 
 @jax.custom_jvp
-def _least(margins: Sequence[Scalar], cases: list[Any], homes: list[Any]) -> Scalar:
-    """Least margin of the legs, each given as (leg, attachment), and its home mode."""
-    return smallest(margins)
+def _least(margins: jax.Array, cases: tuple[Leg, Attachment], homes: PyTree) -> Scalar:
+    """Least margin ``(legs,)`` of the legs, given with their attachments and home modes."""
+    return smallest([*margins])
 
 
 @_least.defjvp
 def _least_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]):
     """Only the leg that decides has a derivative: it is picked first, and one leg differentiated."""
     (margins, cases, homes), (_, moved, _) = primals, tangents
-    chosen = margins[0], cases[0], moved[0], homes[0]
-    for other in zip(margins[1:], cases[1:], moved[1:], homes[1:], strict=True):
+    chosen, *others = one_by_one(margins, cases, moved, homes)
+    for other in others:
         chosen = jax.tree.map(lambda new, old, less=other[0] < chosen[0]: jnp.where(less, new, old), other, chosen)
     _, case, motion, home = chosen
     gradient = fence(jax.grad(lambda c: _leg_margin(*c, home, True)[0])(fence(case)))
@@ -147,7 +143,7 @@ def _leg_margins(
     tol = default_tol(jnp.result_type(jax.tree.leaves(attachment)[0]))
     result = solve_leg(leg, attachment, home, guess=None, tol=tol, max_steps=MAX_STEPS)
     if differentiated:
-        result = differentiable_root(leg, attachment, result)
+        result = result._replace(root=implicit(leg_residual, result.root, result.converged, (leg, attachment)))
     joints, edge = _nearest(leg, attachment, result)
     if differentiated:
         joints, edge = fence((joints, edge))  # else every one of the derivatives evaluates them anew
@@ -181,9 +177,9 @@ def margins(robot: Mechanism, pose: PoseLike) -> jax.Array:
     """
     robot, pose = checked_pose(robot, pose)
     placed = place(robot, pose)
-    cases = list(zip(placed.attachments, home_modes(robot, placed), strict=True))
-    found = over_legs(lambda leg, case: _leg_margins(leg, case[0], case[1], True)[0], robot.legs(), cases)
-    return jnp.where(placed.finite, jnp.stack([jnp.stack(margins) for margins in found]), -jnp.inf)
+    cases = placed.legs, placed.attachments, home_modes(robot, placed)
+    found = over_legs(lambda leg, seen, home: jnp.stack(_leg_margins(leg, seen, home, True)[0]), *cases)
+    return jnp.where(placed.finite, found, -jnp.inf)
 
 
 def _nearest(leg: Leg, attachment: Attachment, result: LegResult) -> tuple[Joints, Scalar]:

@@ -11,15 +11,20 @@ from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats
 from jaxscissor._engine.types import ActuatedLike, Number, PoseLike
 from jaxscissor.kinematics._legs import closest_joints
-from jaxscissor.kinematics._platform import all_joints, assemble, assembly_sign, differentiable_pose, state_at
+from jaxscissor.kinematics._platform import (
+    all_joints,
+    assemble,
+    assembly_sign,
+    differentiable_pose,
+    legs_close,
+    state_at,
+)
 from jaxscissor.kinematics._solution import Solution, Status
 from jaxscissor.robots._contract import (
     Mechanism,
     checked_freedoms,
     checked_joints,
     checked_pose,
-    legs_of,
-    split_joints,
 )
 
 
@@ -73,6 +78,13 @@ def forward_kinematics(
 def _forward_kinematics(
     robot: Mechanism, actuated: jax.Array, guess: jax.Array | None, tol: Scalar, max_steps: Scalar
 ) -> Solution:
+    """The pose, its status and its derivative.
+
+    1. Home, or the guess with the joints of the home mode there, is where Newton's method starts.
+    2. Where it ends, the sign of det d residual / d (twist, passive joints) is compared with that of the start.
+    3. The status: not closed, another sign, a singularity, a leg that cannot take its joints, in rising order.
+    4. The derivative of the implicit function, where the status says that the pose is what was asked for.
+    """
     finite = jnp.all(jnp.isfinite(actuated)) & (True if guess is None else jnp.all(jnp.isfinite(guess)))
     start_pose, start_joints = _assembled_guess(robot, guess, finite, tol)
     home_actuated = robot.actuated(start_joints)
@@ -85,8 +97,7 @@ def _forward_kinematics(
     same = signs[0] * signs[1] >= 0  # a guess on a singularity names no mode
     status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
     status = jnp.where(signs[0] == 0, Status.SINGULAR, status)
-    for leg, q in zip(legs_of(robot), split_joints(robot, all_joints(robot, actuated, state)), strict=True):
-        status = jnp.where(leg.closes(q), status, Status.NO_SOLUTION)
+    status = jnp.where(legs_close(robot, all_joints(robot, actuated, state)), status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)
     pose, _ = differentiable_pose(robot, actuated, state, status == Status.CONVERGED)
     return Solution(

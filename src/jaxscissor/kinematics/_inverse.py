@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import jax
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._engine.cpu.chunks import chunked
-from jaxscissor._engine.newton import implicit, norm
+from jaxscissor._engine.newton import norm
 from jaxscissor._engine.numerics import Scalar, default_tol
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats
@@ -21,9 +20,9 @@ from jaxscissor.robots._contract import (
     Mechanism,
     checked_joints,
     checked_pose,
-    join_joints,
-    leg_residual,
-    split_joints,
+    differentiable_roots,
+    joints_by_leg,
+    joints_together,
 )
 
 
@@ -79,18 +78,17 @@ def inverse_kinematics(
 @chunked
 def _solve(robot: Mechanism, pose: jax.Array, guess: jax.Array | None, tol: Scalar, max_steps: Scalar) -> Solution:
     placed = place(robot, pose)
-    results, statuses = solve_legs_only(robot, placed, guess, tol, max_steps)
-    norms = [r.norm for r in results]
-    status = functools.reduce(jnp.maximum, statuses)
+    legs, status = solve_legs_only(robot, placed, guess, tol, max_steps)
+    status, norms = jnp.max(status), [*legs.norm]
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
         norms.append(norm(constraints))
         status = jnp.where(norms[-1] <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
     return Solution(
-        value=jnp.where(placed.finite, join_joints(robot, [r.value for r in results]), jnp.nan),
+        value=jnp.where(placed.finite, joints_together(robot, legs.value), jnp.nan),
         status=jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32),
         residual_norm=jnp.where(placed.finite, norm(norms), jnp.nan),
-        num_steps=functools.reduce(jnp.maximum, [r.steps for r in results]),
+        num_steps=jnp.max(legs.steps),
     )
 
 
@@ -106,9 +104,8 @@ def _follow_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]):
     joints = jnp.where(jnp.isnan(joints), lax.stop_gradient(robot.home()[1]), joints)  # of a pose that is not finite
 
     def roots(robot: Mechanism, pose: jax.Array):
-        placed = place(robot, pose)
-        cases = zip(placed.legs, placed.attachments, split_joints(robot, joints), strict=True)
-        return join_joints(robot, [implicit(leg_residual, q, ok, (leg, seen)) for leg, seen, q in cases])
+        placed, legs = place(robot, pose), joints_by_leg(robot, joints)
+        return joints_together(robot, differentiable_roots(placed.legs, placed.attachments, legs, ok))
 
     _, moved = jax.jvp(roots, (robot, pose), tangents[2:])
     return _follow(*primals), moved  # by itself, so that both outputs are batched along the same axis

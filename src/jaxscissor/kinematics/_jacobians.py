@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -15,18 +15,19 @@ from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats
 from jaxscissor._engine.types import JointsLike, PoseLike
 from jaxscissor.kinematics._inverse import inverse_kinematics
-from jaxscissor.kinematics._legs import MAX_STEPS, place, solve_legs
+from jaxscissor.kinematics._legs import MAX_STEPS, Placed, place, solve_legs
 from jaxscissor.kinematics._residual import flat_residual
 from jaxscissor.robots._contract import (
     Attachment,
     Joints,
     Leg,
     Mechanism,
-    actuated_mask,
     checked_joints,
     checked_pose,
-    joint_places,
+    joints_together,
+    seen_by_legs,
 )
+from jaxscissor.robots._over_legs import over_legs
 
 
 @one_pose()
@@ -105,13 +106,14 @@ def twist_jacobian(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Array
     placed = place(robot, pose)
     results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
     platform = _platform_jacobian(robot, placed)
-    usable, rows = placed.finite, {}
-    cases = zip(placed.legs, placed.attachments, results, platform, joint_places(robot), strict=True)
-    for leg, attachment, result, moved, places in cases:
-        invertible, jacobian = leg_jacobian(leg, attachment, result.value)
-        usable = usable & invertible & result.solved
-        rows |= {place: row @ moved for place, row in zip(places, jacobian, strict=True)}
-    matrix = jnp.stack([rows[i] for i, actuated in enumerate(actuated_mask(robot)) if actuated])
+
+    def of_leg(leg: Leg, seen: Attachment, joints: Joints, moved: jax.Array):
+        invertible, jacobian = leg_jacobian(leg, seen, joints)
+        return invertible, tuple(jacobian @ moved)
+
+    invertible, rows = over_legs(of_leg, placed.legs, placed.attachments, results.value, platform)
+    usable = placed.finite & jnp.all(results.solved & invertible)
+    matrix = robot.actuated(joints_together(robot, rows).T).T
     return usable, jnp.where(usable, matrix, 0)
 
 
@@ -142,16 +144,15 @@ def leg_jacobian(leg: Leg, attachment: Attachment, joints: Joints) -> tuple[Scal
     return invertible, jnp.stack(rows)
 
 
-def _platform_jacobian(robot: Mechanism, placed: Any) -> list[jax.Array]:
-    """J_C: d attachment / d twist of every leg, ``(numbers, d)`` [ICRA16 eq. 20]."""
+def _platform_jacobian(robot: Mechanism, placed: Placed) -> jax.Array:
+    """J_C: d attachment / d twist of every leg, ``(legs, numbers, d)`` [ICRA16 eq. 20]."""
     still = tuple(jnp.zeros_like(placed.pose[0]) for _ in range(robot.space.dimension))
 
     def moved(twist: Joints):
-        attachments = robot.attachments(*robot.space.nudge(placed.position, placed.rotation, twist))
-        return [tuple(jax.tree.leaves(attachment)) for attachment in attachments]
+        seen = seen_by_legs(robot, *robot.space.nudge(placed.position, placed.rotation, twist))
+        return jnp.stack(jax.tree.leaves(seen), axis=1)
 
-    columns = [jax.jvp(moved, (still,), (_basis(still, j),))[1] for j in range(len(still))]
-    return [jnp.stack([jnp.stack(column[i]) for column in columns], axis=-1) for i in range(len(columns[0]))]
+    return jnp.stack([jax.jvp(moved, (still,), (_basis(still, j),))[1] for j in range(len(still))], axis=-1)
 
 
 def _basis(zero: tuple[Scalar, ...], j: int) -> tuple[Scalar, ...]:

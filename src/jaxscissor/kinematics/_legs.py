@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._engine.cpu.fence import fence
-from jaxscissor._engine.newton import implicit, newton
+from jaxscissor._engine.newton import newton
 from jaxscissor._engine.numerics import Scalar
-from jaxscissor._engine.types import Number, PyTree
+from jaxscissor._engine.types import Number
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import (
@@ -19,11 +19,11 @@ from jaxscissor.robots._contract import (
     Joints,
     Leg,
     Mechanism,
-    join_joints,
+    differentiable_roots,
+    joints_by_leg,
+    joints_together,
     leg_residual,
-    legs_of,
     seen_by_legs,
-    split_joints,
 )
 from jaxscissor.robots._over_legs import over_legs
 
@@ -31,7 +31,7 @@ MAX_STEPS = 30
 
 
 class LegResult(NamedTuple):
-    """One leg solved for one attachment."""
+    """One leg solved for one attachment, or every leg, stacked."""
 
     root: Joints  # without derivative; worthless where not solved
     start: Joints  # the first guess, which beyond the home mode's edge has the least residual
@@ -99,8 +99,8 @@ class Placed(NamedTuple):
     pose: jax.Array
     position: Vec
     rotation: Rotation
-    legs: list[Any]
-    attachments: list[Any]
+    legs: Any  # stacked, as are the attachments
+    attachments: Attachment
 
 
 def place(robot: Mechanism, pose: jax.Array) -> Placed:
@@ -111,53 +111,43 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     # number by number: a batch of vectors would be stored once more
     pose = jnp.stack([jnp.where(finite, x, h) for x, h in zip(pose, lax.stop_gradient(home_pose), strict=True)])
     position, rotation = robot.space.place(pose)
-    legs = legs_of(robot)
-    attachments = list(fence(seen_by_legs(robot, len(legs), position, rotation)))
-    return Placed(finite, pose, position, rotation, legs, attachments)
+    seen = fence(seen_by_legs(robot, position, rotation))
+    return Placed(finite, pose, position, rotation, robot.legs(), seen)
 
 
-def home_modes(robot: Mechanism, placed: Placed) -> list[Scalar | None]:
+def home_modes(robot: Mechanism, placed: Placed) -> Scalar | None:
     """Label of every leg's working mode at home; ``None`` if the leg's reach is known in closed form."""
-    leg, attachment = placed.legs[0], placed.attachments[0]
-    if jax.eval_shape(lambda leg, attachment: leg.start(attachment), leg, attachment)[1] is not None:
-        return [None] * len(placed.legs)
+    leg, seen = jax.tree.map(lambda leaf: leaf[0], (placed.legs, placed.attachments))
+    if jax.eval_shape(lambda leg, seen: leg.start(seen), leg, seen)[1] is not None:
+        return None
     pose, joints = robot.home()
-    cases = list(zip(split_joints(robot, joints), robot.attachments(*robot.space.place(pose)), strict=True))
-    return over_legs(lambda leg, case: leg.mode(*case), *lax.stop_gradient((robot.legs(), cases)))
-
-
-def differentiable_root(leg: Leg, attachment: Attachment, result: LegResult) -> LegResult:
-    """The result with the implicit function's derivative of its root."""
-    return result._replace(root=implicit(leg_residual, result.root, result.converged, (leg, attachment)))
+    cases = robot.legs(), joints_by_leg(robot, joints), seen_by_legs(robot, *robot.space.place(pose))
+    return over_legs(lambda leg, q, seen: leg.mode(q, seen), *lax.stop_gradient(cases))
 
 
 def solve_legs(
     robot: Mechanism, placed: Placed, guess: jax.Array | None, tol: Number, max_steps: Number
-) -> tuple[list[LegResult], list[Scalar]]:
+) -> tuple[LegResult, Scalar]:
     """Every leg of a placed robot solved, with its status; of the results only the roots have derivatives."""
-    results, statuses = solve_legs_only(robot, placed, guess, tol, max_steps)
-    cases = zip(placed.legs, placed.attachments, results, strict=True)
-    return [differentiable_root(*case) for case in cases], statuses
+    results, status = solve_legs_only(robot, placed, guess, tol, max_steps)
+    root = differentiable_roots(placed.legs, placed.attachments, results.root, results.converged)
+    return results._replace(root=root), status
 
 
 def solve_legs_only(
     robot: Mechanism, placed: Placed, guess: jax.Array | None, tol: Number, max_steps: Number
-) -> tuple[list[LegResult], list[Scalar]]:
+) -> tuple[LegResult, Scalar]:
     """The same without derivatives."""
-    none = [None] * len(placed.legs)
-    homes, guesses = (home_modes(robot, placed), none) if guess is None else (none, split_joints(robot, guess))
-    seen = list(zip(placed.attachments, homes, guesses, strict=True))
+    homes, guesses = (home_modes(robot, placed), None) if guess is None else (None, joints_by_leg(robot, guess))
 
-    def solve(leg: Leg, case: PyTree):
-        attachment, home, start = case
+    def solve(leg: Leg, attachment: Attachment, home: Scalar | None, start: Joints | None):
         result = solve_leg(leg, attachment, home, guess=start, tol=tol, max_steps=max_steps)
         return result, leg_status(leg, attachment, result)
 
-    solved = over_legs(solve, *lax.stop_gradient((robot.legs(), seen)))
-    return [result for result, _ in solved], [status for _, status in solved]
+    return over_legs(solve, *lax.stop_gradient((placed.legs, placed.attachments, homes, guesses)))
 
 
 def closest_joints(robot: Mechanism, pose: jax.Array, tol: Number) -> jax.Array:
     """All joints of the home working mode at a pose, or where it does not exist the closest to it."""
     results, _ = solve_legs(robot, place(robot, pose), None, tol, MAX_STEPS)
-    return join_joints(robot, [result.value for result in results])
+    return joints_together(robot, results.value)

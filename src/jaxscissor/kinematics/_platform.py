@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -19,9 +20,9 @@ from jaxscissor.robots._contract import (
     Mechanism,
     actuated_mask,
     closure,
-    legs_of,
-    split_joints,
+    joints_by_leg,
 )
+from jaxscissor.robots._over_legs import one_by_one
 
 
 class State(NamedTuple):
@@ -48,7 +49,7 @@ def assemble(
     robot: Mechanism, actuated: jax.Array, start: State, tol: Scalar, max_steps: Scalar
 ) -> tuple[State, Scalar, Scalar]:
     """Newton's method from a state, stepping on the rotation group: state, residual and number of steps."""
-    args = (robot, legs_of(robot), actuated)
+    args = (robot, robot.legs(), actuated)
     retract, nudge = (_stepping(robot, step) for step in (robot.space.retract, robot.space.nudge))
     return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=retract, nudge=nudge)
 
@@ -56,16 +57,22 @@ def assemble(
 def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:
     """Pose coordinates and passive joints of a solution, with the implicit function's derivative where ok."""
     coordinates = (*robot.space.coordinates(state.position, state.rotation), *state.passive)
-    root = implicit(_pose_residual, coordinates, ok, (robot, legs_of(robot), actuated))
+    root = implicit(_pose_residual, coordinates, ok, (robot, robot.legs(), actuated))
     size = robot.space.dimension
     return jnp.stack(root[:size]), root[size:]
+
+
+def legs_close(robot: Mechanism, joints: jax.Array) -> Scalar:
+    """Whether every leg can be assembled with these joints, wherever the platform is."""
+    cases = one_by_one(robot.legs(), joints_by_leg(robot, joints))
+    return functools.reduce(jnp.logical_and, [leg.closes(q) for leg, q in cases])
 
 
 @jax.jit
 def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
     """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity."""
     robot, actuated, state = lax.stop_gradient((robot, actuated, state))
-    args, nudge = (robot, legs_of(robot), actuated), _stepping(robot, robot.space.nudge)
+    args, nudge = (robot, robot.legs(), actuated), _stepping(robot, robot.space.nudge)
     count = len(_state_residual(state, args))
     zero = tuple(jnp.zeros_like(actuated[0]) for _ in range(count))
     _, rows = value_and_jacobian(lambda d: _state_residual(nudge(state, d), args), zero)
@@ -75,8 +82,7 @@ def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar
 def _state_residual(state: State, args: PyTree) -> Joints:
     """Closure equations of a state at given (robot, legs, actuated joints)."""
     robot, legs, actuated = args
-    joints = split_joints(robot, all_joints(robot, actuated, state))
-    return closure(robot, legs, joints, state.position, state.rotation)
+    return closure(robot, legs, all_joints(robot, actuated, state), state.position, state.rotation)
 
 
 def _pose_residual(unknowns: Joints, args: PyTree) -> Joints:

@@ -13,8 +13,6 @@ from jaxscissor.robots._contract import (
     checked_joints,
     checked_pose,
     closure,
-    legs_of,
-    split_joints,
 )
 
 
@@ -47,4 +45,4 @@ def residual(robot: Mechanism, pose: PoseLike, *, joints: JointsLike) -> jax.Arr
 
 def flat_residual(robot: Mechanism, joints: jax.Array, pose: jax.Array) -> jax.Array:
     """``residual`` of arrays whose shapes and dtypes are known to be right."""
-    return jnp.stack(closure(robot, legs_of(robot), split_joints(robot, joints), *robot.space.place(pose)))
+    return jnp.stack(closure(robot, robot.legs(), joints, *robot.space.place(pose)))

@@ -17,7 +17,8 @@ from jaxscissor.kinematics._legs import place
 from jaxscissor.plot._singularities import singularity_map as singularity_map
 from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import finish, new_axes
-from jaxscissor.robots._contract import Mechanism, checked_joints, checked_pose, split_joints
+from jaxscissor.robots._contract import Mechanism, checked_joints, checked_pose, joints_by_leg
+from jaxscissor.robots._over_legs import one_by_one
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -161,13 +162,13 @@ class _Drawing(NamedTuple):
 @jax.jit
 def _drawing(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> _Drawing:
     placed = place(robot, pose)
-    legs = list(zip(placed.legs, split_joints(robot, joints), placed.attachments, strict=True))
+    legs = list(one_by_one(placed.legs, joints_by_leg(robot, joints), placed.attachments))
 
     def arrays(segments: jax.Array):
         ends = [jnp.stack([end.array() for end in segment]) for segment in segments]
         return jnp.stack(ends) if ends else jnp.zeros((0, 2, robot.space.translations), pose.dtype)
 
-    points = [point.array() for point in map(_point, placed.attachments) if point is not None]
+    points = [point.array() for point in (_point(seen) for _, _, seen in legs) if point is not None]
     return _Drawing(
         [arrays(leg.rails(q, attachment)) for leg, q, attachment in legs],
         [arrays(leg.bars(q, attachment)) for leg, q, attachment in legs],

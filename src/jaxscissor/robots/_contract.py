@@ -17,14 +17,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.matrices import determinant
-from jaxscissor._engine.newton import value_and_jacobian
+from jaxscissor._engine.newton import implicit, value_and_jacobian
 from jaxscissor._engine.numerics import Scalar
 from jaxscissor._engine.pytree import as_floats, float_dtype, is_concrete
 from jaxscissor._engine.types import JointsLike, PoseLike
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.robots._method_checks import LEG, ROBOT, actuated_flags, check_methods
+from jaxscissor.robots._over_legs import one_by_one, over_legs
 from jaxscissor.robots._spaces import Space
 
 Joints = tuple[Scalar, ...]  # the joint coordinates of one leg
@@ -170,61 +170,59 @@ def _shown(value: Any) -> str:
     return np.array2string(np.asarray(value), precision=5, floatmode="maxprec", separator=", ").replace("\n", "")
 
 
-def legs_of(robot: Mechanism) -> list[Any]:
-    """The legs of a robot, one by one; unrolled in Python they run faster than under ``vmap``."""
-    stacked = fence(robot.legs())
-    count = jax.tree.leaves(stacked)[0].shape[0]
-    return [jax.tree.map(lambda leaf, i=i: leaf[i], stacked) for i in range(count)]
-
-
-def joint_places(robot: Mechanism) -> list[tuple[int, ...]]:
-    """For every leg, where its joints stand in the array of all joints."""
-    sizes = [len(leg) for leg in robot.actuation()]
-    order = robot.joint_order or tuple(range(sum(sizes)))
-    ends = np.cumsum(sizes)
-    return [order[end - size : end] for end, size in zip(ends, sizes, strict=True)]
+def joint_places(robot: Mechanism) -> np.ndarray:
+    """For every leg, where its joints stand in the array of all joints, ``(legs, joints of a leg)``."""
+    legs, own = len(robot.actuation()), len(robot.actuation()[0])
+    order = range(legs * own) if robot.joint_order is None else robot.joint_order
+    return np.array(order).reshape(legs, own)
 
 
 def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
     """Which entries of the array of all joints are actuated."""
-    mask = dict(zip(sum(joint_places(robot), ()), sum(robot.actuation(), ()), strict=True))
-    return tuple(mask[i] for i in range(len(mask)))
+    return _by_place(robot, robot.actuation())
 
 
 def angular_joints(robot: Mechanism) -> tuple[bool, ...]:
     """Which entries of the array of all joints are angles."""
-    flags: dict[int, bool] = {}
-    for places in joint_places(robot):
-        flags |= dict(zip(places, robot.legs().angular or (False,) * len(places), strict=True))
-    return tuple(flags[i] for i in range(len(flags)))
+    own = robot.legs().angular or (False,) * len(robot.actuation()[0])
+    return _by_place(robot, [own] * len(robot.actuation()))
 
 
-def split_joints(robot: Mechanism, joints: jax.Array | Joints) -> list[Joints]:
-    """The joints of each leg, from the array of all of them."""
-    every = joint_places(robot)
-    count = sum(map(len, every))
-    if len(joints) != count:
-        raise ValueError(f"Got {len(joints)} joints of a {type(robot).__name__}, whose legs have {count}.")
-    return [tuple(joints[i] for i in places) for places in every]
+def _by_place(robot: Mechanism, flags: Sequence[Sequence[bool]]) -> tuple[bool, ...]:
+    """Flags given leg by leg, in the order of the array of all joints."""
+    return tuple(np.array(flags).ravel()[np.argsort(joint_places(robot), axis=None)].tolist())
 
 
-def join_joints(robot: Mechanism, joints: Sequence[Joints]) -> jax.Array:
-    """The array of all joints, from those of each leg."""
-    placed = {
-        i: q for places, leg in zip(joint_places(robot), joints, strict=True) for i, q in zip(places, leg, strict=True)
-    }
-    return jnp.stack([placed[i] for i in range(len(placed))])
+def joints_by_leg(robot: Mechanism, joints: jax.Array | Joints) -> Joints:
+    """The first joint of every leg ``(legs,)``, the second one of every leg, ..., from the array of all joints."""
+    places = joint_places(robot)
+    if len(joints) != places.size:
+        raise ValueError(f"Got {len(joints)} joints of a {type(robot).__name__}, whose legs have {places.size}.")
+    return tuple(jnp.stack([joints[i] for i in column]) for column in places.T)
 
 
-def seen_by_legs(robot: Mechanism, legs: int, position: Vec, rotation: Rotation) -> list[Attachment]:
-    """What so many legs see of the platform."""
-    seen = robot.attachments(position, rotation)
+def joints_together(robot: Mechanism, joints: Joints) -> jax.Array:
+    """The array of all joints, or of a row for each, from those of every leg ``(legs,)``."""
+    together = jnp.stack(joints, axis=1)
+    together = together.reshape(-1, *together.shape[2:])
+    if robot.joint_order is None:
+        return together
+    return jnp.stack([together[i] for i in np.argsort(joint_places(robot), axis=None)])
+
+
+def seen_by_legs(robot: Mechanism, position: Vec, rotation: Rotation) -> Attachment:
+    """What the legs see of the platform, stacked as they are."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *_seen_one_by_one(robot, position, rotation))
+
+
+def _seen_one_by_one(robot: Mechanism, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
+    seen, legs = robot.attachments(position, rotation), len(robot.actuation())
     if len(seen) != legs:
         raise ValueError(
             f"{type(robot).__name__}.attachments(position, rotation) gave {len(seen)} attachments; expected {legs}, "
             "one per leg of legs()."
         )
-    return list(seen)
+    return seen
 
 
 def checked_freedoms(robot: Mechanism, *, more: bool = False) -> None:
@@ -251,12 +249,20 @@ def leg_residual(joints: Joints, args: tuple[Any, Attachment]) -> Joints:
     return leg.residual(joints, attachment)
 
 
-def closure(
-    robot: Mechanism, legs: Sequence[Any], joints: Sequence[Joints], position: Vec, rotation: Rotation
-) -> Joints:
+def differentiable_roots(legs: Any, seen: Attachment, roots: Joints, ok: Scalar) -> Joints:
+    """Roots of every leg with the implicit function's derivative, where ok: a flag for all or one for each leg."""
+    ok = jnp.broadcast_to(ok, roots[0].shape)
+    return over_legs(lambda leg, one, root, ok: implicit(leg_residual, root, ok, (leg, one)), legs, seen, roots, ok)
+
+
+def closure(robot: Mechanism, legs: Any, joints: jax.Array | Joints, position: Vec, rotation: Rotation) -> Joints:
     """All closure equations, leg by leg, and the constraints on the pose after them."""
-    attachments = seen_by_legs(robot, len(legs), position, rotation)
-    equations = [r for leg, q, a in zip(legs, joints, attachments, strict=True) for r in leg.residual(q, a)]
+    seen = _seen_one_by_one(robot, position, rotation)
+    equations = [
+        equation
+        for (leg,), places, one in zip(one_by_one(legs), joint_places(robot), seen, strict=True)
+        for equation in leg.residual(tuple(joints[i] for i in places), one)
+    ]
     return (*equations, *robot.constraints(position, rotation))
 
 

@@ -16,7 +16,7 @@ from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, static, unchecked
 from jaxscissor._engine.types import JointsLike
 from jaxscissor._engine.vectors import Rotation, Vec
-from jaxscissor.robots._contract import Joints, Leg, Mechanism, join_joints, split_joints
+from jaxscissor.robots._contract import Joints, Leg, Mechanism, joints_by_leg, joints_together, seen_by_legs
 from jaxscissor.robots._planar_home import check_triangle, middle_pose
 from jaxscissor.robots._planar_triangle import Held, held_triangles
 from jaxscissor.robots._scissor import Scissor
@@ -215,10 +215,8 @@ class NavaroII(Mechanism):
         """
         reach = jnp.broadcast_to(self.stroke[0], (3,)), jnp.broadcast_to(self.stroke[1], (3,))
         pose = middle_pose(self.base, self.platform, ACTUATION_MODES[self.mode], reach)
-        tips = self.attachments(*self.space.place(pose))
-        bars = [tip - anchor for tip, anchor in zip(tips, _points(self.base), strict=True)]
-        joints = [(jnp.arctan2(bar.y, bar.x), safe_sqrt(bar.dot(bar))) for bar in bars]
-        return pose, join_joints(self, joints)
+        bars = seen_by_legs(self, *self.space.place(pose)) - Vec(*self.base.T)
+        return pose, joints_together(self, (jnp.arctan2(bars.y, bars.x), safe_sqrt(bars.dot(bars))))
 
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Up to 6 poses: 6 with at most one direction given, 4 with two, 2 with three."""
@@ -238,11 +236,8 @@ class NavaroII(Mechanism):
           that distance, root mean square, zero for consistent sensors.
         """
         (joints,) = as_arrays(joints)
-        ends = [
-            leg_anchor + Vec(jnp.cos(theta), jnp.sin(theta)) * rho
-            for leg_anchor, (theta, rho) in zip(_points(self.base), split_joints(self, joints), strict=True)
-        ]
-        ends, corners = jnp.stack([end.array() for end in ends]), self.platform
+        theta, rho = joints_by_leg(self, joints)
+        ends, corners = self.base + jnp.stack([jnp.cos(theta) * rho, jnp.sin(theta) * rho], axis=1), self.platform
         center, middle = jnp.mean(ends, axis=0), jnp.mean(corners, axis=0)
         p, q = corners - middle[None], ends - center[None]
         alpha = jnp.arctan2(jnp.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), jnp.sum(p * q))

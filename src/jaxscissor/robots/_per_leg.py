@@ -8,20 +8,21 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._engine.newton import implicit, newton
+from jaxscissor._engine.newton import newton
 from jaxscissor._engine.numerics import Scalar, default_tol
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats, pytree, with_fields
-from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.robots._contract import (
     Attachment,
+    Joints,
     Leg,
     Mechanism,
-    join_joints,
+    differentiable_roots,
+    joints_by_leg,
+    joints_together,
     leg_residual,
-    legs_of,
-    split_joints,
+    seen_by_legs,
 )
 from jaxscissor.robots._over_legs import over_legs
 
@@ -97,18 +98,13 @@ class PerLeg(Mechanism):
     def home(self) -> tuple[jax.Array, jax.Array]:
         """The nominal robot's home pose, and the legs' joints there."""
         pose, joints = self.nominal.home()
-        seen = self.attachments(*self.space.place(pose))
-        tol = default_tol(pose.dtype)
+        seen, tol = seen_by_legs(self, *self.space.place(pose)), default_tol(pose.dtype)
 
-        def settle(leg: Leg, case: PyTree):
-            attachment, start = case
+        def settle(leg: Leg, attachment: Attachment, start: Joints):
             return newton(leg_residual, start, (leg, attachment), tol=tol, max_steps=_MAX_STEPS)
 
-        starts = list(zip(seen, split_joints(self, joints), strict=True))
-        settled = over_legs(settle, *lax.stop_gradient((self.legs(), starts)))
-        cases = zip(settled, legs_of(self), seen, strict=True)
-        roots = [implicit(leg_residual, root, error <= tol, (leg, one)) for (root, error, _), leg, one in cases]
-        return pose, join_joints(self, roots)
+        roots, error, _ = over_legs(settle, *lax.stop_gradient((self.legs(), seen, joints_by_leg(self, joints))))
+        return pose, joints_together(self, differentiable_roots(self.legs(), seen, roots, error <= tol))
 
     def __repr__(self) -> str:
         """The table of the dimensions, leg by leg."""

@@ -25,9 +25,7 @@ from jaxscissor.robots._contract import (
     checked_joints,
     checked_pose,
     closure,
-    join_joints,
-    legs_of,
-    split_joints,
+    joints_together,
 )
 from jaxscissor.singularities._measures import closure_matrix, leg_columns, passive_columns, small_determinant
 
@@ -220,6 +218,12 @@ def _in_all_directions(
     directions: int,
     steps: jax.Array,
 ) -> SingularityDistance:
+    """The nearest end of walks in many directions.
+
+    1. Walk in directions that are evenly spread, and keep the nearest few.
+    2. Turn each of them towards the normal of the locus that it met, by several shares of the way, and walk again no
+       farther than it came; keep what is nearer. Where the direction is the normal, the distance is least.
+    """
     robot, pose, max_distance, joints, angle_length = lax.stop_gradient(
         (robot, pose, max_distance, joints, angle_length)
     )
@@ -288,8 +292,14 @@ class _Way(NamedTuple):
 def _walk(robot: Mechanism, start: _Start, direction: jax.Array, max_distance: Scalar, steps: Scalar) -> _Walk:
     """Follow the joints until a determinant changes sign or a mode ends, then halve the step until it is negligible.
 
-    Where Newton's method failed though nothing ends, a step beyond succeeds in the end, and the walk goes on.
-    At last the walker looks around itself for the normal: one program sees all points, as it is long to compile.
+    All points are seen in one place of one loop, as what sees them is long to compile:
+
+    1. Look a step ahead: solve the legs there from the joints at the last regular point, and form the determinants.
+    2. If every leg is in its mode and no determinant has changed its sign, go there.
+    3. If not, something ends within the step: halve it. Once it is negligible, look four of them ahead. What is regular
+       there was a failure of Newton's method though nothing ends, and the walk goes on with the widest step.
+    4. If it is not, the end is found: look at two points about it along every coordinate. Their differences are the
+       normal of a type-2 locus; that of a type-1 locus follows from the leg that stops there (``_edge_normal``).
     """
     size, dtype = direction.shape[0], direction.dtype
     direction, eps = _unit(direction), float(jnp.finfo(dtype).eps)
@@ -346,12 +356,12 @@ def _look(robot: Mechanism, start: _Start, step: jax.Array, joints: jax.Array) -
     pose = jnp.stack(robot.space.coordinates(*_moved(robot, start, step)))
     placed = place(robot, pose)
     legs, _ = solve_legs(robot, placed, joints, default_tol(pose.dtype), _NEWTON_STEPS)
-    joints = join_joints(robot, [leg.value for leg in legs])
+    joints = joints_together(robot, legs.value)
     matrix = fence(closure_matrix(robot, placed.position, placed.rotation, joints))
     d = robot.space.dimension
     type1 = jnp.stack([small_determinant(_own(matrix, jnp.array(c) - d)) for c in leg_columns(robot)])
     type2 = small_determinant(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])
-    return _Seen(joints, jnp.stack([leg.converged for leg in legs]), jnp.sign(type1), type2, matrix)
+    return _Seen(joints, legs.converged, jnp.sign(type1), type2, matrix)
 
 
 def _own(matrix: jax.Array, places: jax.Array) -> jax.Array:
@@ -368,10 +378,9 @@ def _edge_normal(robot: Mechanism, start: _Start, step: jax.Array, seen: _Seen, 
     """Normal of the poses that a leg reaches: A dx + B dq = 0, with u B = 0, leaves u A dx = 0."""
     places = jnp.stack([jnp.array(c) - robot.space.dimension for c in leg_columns(robot)])[leg]
     left = null_vector(_own(seen.matrix, places).T)
-    legs, joints = legs_of(robot), split_joints(robot, seen.joints)
 
     def along(step: jax.Array):
-        return left @ jnp.stack(closure(robot, legs, joints, *_moved(robot, start, step)))[places]
+        return left @ jnp.stack(closure(robot, robot.legs(), seen.joints, *_moved(robot, start, step)))[places]
 
     return jax.grad(along)(step)
 

@@ -16,19 +16,22 @@ from jaxscissor._engine.matrices import determinant, null_vector
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats, pytree
-from jaxscissor._engine.types import JointsLike, PoseLike, PyTree
+from jaxscissor._engine.types import JointsLike, PoseLike
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.kinematics._inverse import inverse_kinematics
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import (
+    Attachment,
+    Joints,
     Leg,
     Mechanism,
     checked_freedoms,
     checked_joints,
     checked_pose,
-    split_joints,
+    joints_by_leg,
+    seen_by_legs,
 )
-from jaxscissor.robots._over_legs import over_legs
+from jaxscissor.robots._over_legs import one_by_one, over_legs
 
 
 @pytree
@@ -125,9 +128,9 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
     d = robot.space.dimension
     rows = [matrix[columns[0] - d : columns[-1] + 1 - d] for columns in leg_columns(robot)]  # one per joint
     own = [block[:, columns[0] : columns[-1] + 1] for block, columns in zip(rows, leg_columns(robot), strict=True)]
-    seen = fence(robot.attachments(position, rotation))
-    cases = zip(rows, seen, strict=True)
-    moved = [_about_its_end(robot, block[:, :d], position, rotation, end) for block, end in cases]
+    ends = one_by_one(fence(seen_by_legs(robot, position, rotation)))
+    cases = zip(rows, ends, strict=True)
+    moved = [_about_its_end(robot, block[:, :d], position, rotation, *end) for block, end in cases]
     type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
     return type1, _type2(robot, matrix), matrix
 
@@ -203,18 +206,22 @@ def _without_passive(robot: Mechanism, matrix: jax.Array) -> jax.Array | None:
 
 
 def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array) -> jax.Array:
-    """Derivative of the closure by (twist, joints leg by leg), lengths in units of the robot's length."""
+    """Derivative of the closure by (twist, joints leg by leg), lengths in units of the robot's length.
+
+    1. The attachments and the constraints by the twist.
+    2. For each leg its residual along those, and by its own joints.
+    3. The rows of leg i: its block by the twist, its own block at the place of its joints; the constraints' rows last.
+    """
     angular, d = robot.legs().angular, robot.space.dimension
 
     def placed(twist: jax.Array):
         lengths = [robot.length * s if i < robot.space.translations else s for i, s in enumerate(twist)]
         moved = robot.space.nudge(position, rotation, lengths)
-        return robot.attachments(*moved), robot.constraints(*moved)
+        return seen_by_legs(robot, *moved), robot.constraints(*moved)
 
     (seen, _), (shifts, constraints) = _pushed(placed, jnp.zeros(d, joints.dtype))
 
-    def of_leg(leg: Leg, case: PyTree):
-        q, attachment, shift = case
+    def of_leg(leg: Leg, q: Joints, attachment: Attachment, shift: Attachment):
 
         def turned(steps: jax.Array):
             units = [1 if angular and angular[i] else robot.length for i in range(len(q))]
@@ -224,10 +231,10 @@ def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: 
         _, by_joints = _pushed(turned, jnp.zeros(len(q), joints.dtype))
         return jnp.stack(by_twist), jnp.stack(by_joints)
 
-    cases = list(zip(split_joints(robot, joints), seen, shifts, strict=True))
-    blocks = over_legs(of_leg, robot.legs(), cases)
-    own = block_diag(*[by_joints for _, by_joints in blocks])
-    rows = [jnp.concatenate([jnp.concatenate([twist for twist, _ in blocks]), own], axis=1)]
+    shifts = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), shifts)
+    by_twist, by_joints = over_legs(of_leg, robot.legs(), joints_by_leg(robot, joints), seen, shifts)
+    own = block_diag(*by_joints)
+    rows = [jnp.concatenate([jnp.concatenate([*by_twist]), own], axis=1)]
     rows += [jnp.pad(row, (0, own.shape[1]))[None] for row in constraints]
     return jnp.concatenate(rows)
 

@@ -180,7 +180,14 @@ def _margin(design: tuple[Mechanism, Region], start: jax.Array, direction: jax.A
 
 
 def _chunk(settings: _Settings, design: PyTree, lines: tuple[jax.Array, jax.Array], counted: jax.Array, totals: PyTree):
-    """Add a chunk's reached lengths, and their gradient, to the totals."""
+    """Add a chunk's reached lengths, and their gradient, to the totals.
+
+    1. Sample the margin along every ray and add its extrema, so that it changes its sign at most once per interval.
+    2. A ray that ends inside counts its whole length 1; every change of sign at t then adds t or takes it away.
+    3. At each change: narrow it down, and place it by one Newton step, t = t0 - m / (dm/dt).
+    4. Its derivative by the design is -(dm/ddesign) / (dm/dt), weighted with (dm/dt)^2 / |grad m|^2 times the number of
+       axes: rays along all axes together then measure the boundary once, and no ray that grazes it weighs much.
+    """
     margins = jax.vmap(_margin, (None, 0, 0, 0))
     rays = _split_at_extrema(
         partial(margins, design), _sampled(partial(margins, design), lines, settings, counted), counted

@@ -13,7 +13,7 @@ from jaxscissor._engine.numerics import Scalar, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._engine.vectors import Rotation, Vec
-from jaxscissor.robots._contract import Joints, Mechanism, join_joints, legs_of, split_joints
+from jaxscissor.robots._contract import Joints, Mechanism, joints_by_leg, joints_together, seen_by_legs
 from jaxscissor.robots._planar_home import check_triangle, middle_pose
 from jaxscissor.robots._planar_triangle import held_triangles
 from jaxscissor.robots._scott import Scott
@@ -120,25 +120,28 @@ class TriScott(Mechanism):
         planar = middle_pose(self.masts, self.platform, _LENGTHS, self._radii())
         zero = jnp.zeros_like(planar[0])
         flat = jnp.stack([planar[0], planar[1], zero, zero, zero, planar[2]])
-        tips = self.attachments(*self.space.place(flat))
-        grounded = [leg.start(tip)[0] for leg, tip in zip(legs_of(self), tips, strict=True)]
-        height, moves = self._level(grounded), self._moves_with_height
-        lifted = [(low + height * moves[0], high + height * moves[1]) for low, high in grounded]
-        return flat.at[2].set(height), join_joints(self, lifted)
+        tips = seen_by_legs(self, *self.space.place(flat))
+        grounded = jax.vmap(lambda leg, tip: leg.start(tip)[0])(self.legs(), tips)
+        height = self._level(grounded)
+        lifted = tuple(q + height * moves for q, moves in zip(grounded, self._moves_with_height, strict=True))
+        return flat.at[2].set(height), joints_together(self, lifted)
 
     @one_pose()
     def _home_room(self) -> Scalar:
         """Least distance, at home, from the edge of the home mode and the limits of the strokes."""
         pose, joints = self.home()
-        tips = self.attachments(*self.space.place(pose))
-        rest = zip(legs_of(self), split_joints(self, joints), tips, strict=True)
-        return jnp.min(jnp.stack([jnp.stack([leg.start(tip)[1], *leg.margins(q, tip)]) for leg, q, tip in rest]))
+        tips = seen_by_legs(self, *self.space.place(pose))
+
+        def room(leg: ScottLeg, q: Joints, tip: Vec):
+            return jnp.min(jnp.stack([leg.start(tip)[1], *leg.margins(q, tip)]))
+
+        return jnp.min(jax.vmap(room)(self.legs(), joints_by_leg(self, joints), tips))
 
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Up to 12 poses, 6 of them upside down: the joints give heights and radii of a planar 3-RPR [TRI 5]."""
-        ends = [leg.end(q) for leg, q in zip(legs_of(self), split_joints(self, joints), strict=True)]
+        radii, heights = self.legs().end(joints_by_leg(self, joints))
         scale, corners = self.length, self._corners()
-        edges = [(corners[i] - corners[j], ends[i][1] - ends[j][1]) for i, j in ((0, 1), (1, 2), (2, 0))]
+        edges = [(corners[i] - corners[j], heights[i] - heights[j]) for i, j in ((0, 1), (1, 2), (2, 0))]
         squares = [edge.dot(edge) - rise**2 for edge, rise in edges]  # [TRI eqs. 11-13]
         side, along = safe_sqrt(squares[0]), (squares[0] + squares[2] - squares[1]) / 2
         x = along / jnp.where(side > 0, side, 1)
@@ -147,17 +150,17 @@ class TriScott(Mechanism):
         found = []
         for y in (safe_sqrt(y2), -safe_sqrt(y2)):  # the platform's own sense of rotation, and upside down
             shadow = [Vec(0 * x, 0 * x), Vec(side, 0 * x) * (1 / scale), Vec(x, y) * (1 / scale)]
-            poses, valid = held_triangles(anchors, shadow, _LENGTHS, [radius / scale for radius, _ in ends])
-            lift = jax.vmap(lambda pose, shadow=shadow: self._lifted(pose, shadow, ends))
+            poses, valid = held_triangles(anchors, shadow, _LENGTHS, [*(radii / scale)])
+            lift = jax.vmap(lambda pose, shadow=shadow: self._lifted(pose, shadow, heights))
             found.append((lift(poses), valid & (side > 0) & (y2 >= 0)))
         return tuple(jnp.concatenate(parts) for parts in zip(*found, strict=True))  # type: ignore[return-value]
 
-    def _lifted(self, planar: jax.Array, shadow: list[Vec], ends: list[tuple[Scalar, Scalar]]) -> jax.Array:
+    def _lifted(self, planar: jax.Array, shadow: list[Vec], heights: jax.Array) -> jax.Array:
         """Spatial pose of a planar one, with the platform's joints at their heights."""
         cos, sin = jnp.cos(planar[2]), jnp.sin(planar[2])
         turn = Rotation(Vec(cos, sin), Vec(-sin, cos))
         flat = [(Vec(planar[0], planar[1]) + turn @ corner) * self.length for corner in shadow]
-        points = [Vec(p.x, p.y, height) for p, (_, height) in zip(flat, ends, strict=True)]
+        points = [Vec(p.x, p.y, height) for p, height in zip(flat, heights, strict=True)]
         return jnp.stack(self.space.coordinates(*fit_triangle(self._corners(), points)))
 
     def _corners(self) -> list[Vec]:
@@ -176,13 +179,13 @@ class TriScott(Mechanism):
     def _spreads(self) -> tuple[Scalar, Scalar]:
         return self.stroke[1, 0], self.stroke[1, 1]
 
-    def _level(self, grounded: list[Joints]) -> Scalar:
+    def _level(self, grounded: Joints) -> Scalar:
         """Height in the middle of what the strokes leave, or a length of the robot from the only end, or from zero."""
         low, high = -jnp.inf, jnp.inf
-        for leg in grounded:
-            for value, limits, moves in zip(leg, self.stroke, self._moves_with_height, strict=True):
-                if moves:
-                    low, high = jnp.maximum(low, limits[0] - value), jnp.minimum(high, limits[1] - value)
+        for values, limits, moves in zip(grounded, self.stroke, self._moves_with_height, strict=True):
+            if moves:
+                low = jnp.maximum(low, limits[0] - jnp.min(values))
+                high = jnp.minimum(high, limits[1] - jnp.max(values))
         ends = [jnp.where(jnp.isfinite(end), end, 0) for end in (low, high)]
         open_below = jnp.where(jnp.isfinite(high), ends[1] - self.length, self.length)
         open_above = jnp.where(jnp.isfinite(high), sum(ends) / 2, ends[0] + self.length)

@@ -14,7 +14,8 @@ from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._engine.vectors import Rotation, Vec
-from jaxscissor.robots._contract import Mechanism, legs_of, split_joints
+from jaxscissor.robots._contract import Mechanism, joints_by_leg
+from jaxscissor.robots._over_legs import one_by_one
 from jaxscissor.robots._scissor import Scissor
 from jaxscissor.robots._spaces import SE3, fit_triangle
 from jaxscissor.robots.triple_scissor._leg import ScissorLeg
@@ -200,7 +201,7 @@ class TripleScissorExtender(Mechanism):
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Up to 16 poses: with the slides held, every apex runs on a circle about the line of its feet."""
         corners, scale = self._corners(), self.length
-        circles = [leg.apex_circle(q) for leg, q in zip(legs_of(self), split_joints(self, joints), strict=True)]
+        circles = [leg.apex_circle(q) for leg, q in one_by_one(self.legs(), joints_by_leg(self, joints))]
         pairs = zip(corners, [*corners[1:], corners[0]], strict=True)
         sides = [safe_sqrt((a - b).dot(a - b)) / scale for a, b in pairs]
         angles, valid = inscribed_triangles(circles, tuple(sides))
