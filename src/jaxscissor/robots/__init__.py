@@ -1,5 +1,6 @@
 """Robots, one file or folder per family, the elements they are made of, and the contract that they fulfil."""
 
+from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom
 from jaxscissor.robots._contract import Leg, Mechanism
 from jaxscissor.robots._navaro import NavaroII
 from jaxscissor.robots._per_leg import PerLeg, per_leg
@@ -12,10 +13,14 @@ from jaxscissor.robots.tri_scott import Micabo, TriScott
 from jaxscissor.robots.triple_scissor import SLIDE_ANGLES, TripleScissorExtender
 
 __all__ = [
+    "BASE",
+    "PLATFORM",
     "R3",
     "SE2",
     "SE3",
     "SLIDE_ANGLES",
+    "Connection",
+    "Freedom",
     "Leg",
     "Mechanism",
     "Micabo",

@@ -23,6 +23,7 @@ from jaxscissor._engine.numerics import Scalar
 from jaxscissor._engine.pytree import as_floats, float_dtype, is_concrete
 from jaxscissor._engine.types import JointsLike, PoseLike
 from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.robots._bodies import Connection
 from jaxscissor.robots._method_checks import LEG, ROBOT, actuated_flags, check_methods
 from jaxscissor.robots._over_legs import one_by_one, over_legs
 from jaxscissor.robots._spaces import Space
@@ -69,6 +70,10 @@ class Leg:
 
         The first one's first end is the leg's corner of the base.
         """
+        return ()
+
+    def connections(self, joints: Joints, attachment: Attachment) -> Sequence[Connection]:
+        """How the bars hang together, at this configuration, in the base frame. Default: unknown."""
         return ()
 
     def mode(self, joints: Joints, attachment: Attachment) -> Scalar:

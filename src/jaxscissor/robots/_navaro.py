@@ -16,6 +16,7 @@ from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, static, unchecked
 from jaxscissor._engine.types import JointsLike
 from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, pinned, scissor_pins
 from jaxscissor.robots._contract import Joints, Leg, Mechanism, joints_by_leg, joints_together, seen_by_legs
 from jaxscissor.robots._planar_home import check_triangle, middle_pose
 from jaxscissor.robots._planar_triangle import Held, held_triangles
@@ -95,6 +96,35 @@ class NavaroLeg(Leg):
         (first, last), (first_mirrored, last_mirrored) = (bars[0][0], bars[-1][1]), (bars[1][0], bars[-2][1])
         bars += [(first, first_mirrored), (last, last_mirrored)]
         return [(place(p), place(q)) for p, q in bars]
+
+    def connections(self, joints: Joints, attachment: Vec) -> Sequence[Connection]:
+        """The screw turns on the base, its two nuts carry the scissor, whose upper ends slide on the guide.
+
+        The guide turns on the platform. The screw's threads are left and right, so that the nuts move alike.
+        """
+        bars = self.bars(joints, attachment)
+        screw, guide = len(bars) - 2, len(bars) - 1
+        (low, high), (end, end_mirrored) = bars[screw], bars[guide]
+        zero = jnp.zeros_like(joints[0])
+        up = Vec(zero, zero, zero + 1)
+        bar = attachment - self.anchor
+        normal = Vec(-bar.y, bar.x, zero) * safe_divide(1, safe_sqrt(bar.dot(bar)))
+        crossings = [(p + q) * 0.5 for p, q in bars[: 2 * self.crosses : 2]]
+        nuts = [
+            Connection(screw, i, point, (Freedom("slide", axis, geared=0), Freedom("turn", normal)))
+            for i, (point, axis) in enumerate([(low, -up), (high, up)])
+        ]
+        sliders = [
+            Connection(i, guide, point, (Freedom("turn", normal), Freedom("slide", up)))
+            for i, point in [(screw - 1, end), (screw - 2, end_mirrored)]
+        ]
+        return [
+            Connection(BASE, screw, Vec(*self.anchor.components, zero), (Freedom("turn", up, joints=(0,)),)),
+            *nuts,
+            *scissor_pins(bars[:screw], crossings, normal),
+            *sliders,
+            pinned(guide, PLATFORM, Vec(*attachment.components, zero), up),
+        ]
 
     def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The anchor, and where the leg's end can go as the scissor stretches."""

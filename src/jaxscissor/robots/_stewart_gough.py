@@ -15,6 +15,7 @@ from jaxscissor._engine.numerics import Scalar, limit_margins, safe_divide, safe
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity
 from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled
 from jaxscissor.robots._contract import Joints, Leg, Mechanism
 from jaxscissor.robots._spaces import SE3
 from jaxscissor.robots._topology import Topology
@@ -64,6 +65,22 @@ class TelescopicLeg(Leg):
         share = jnp.clip(safe_divide(self.stroke[0], joints[0]), 0, 1)
         joint = self.anchor + bar * jnp.where(share > 0, share, 0.5)
         return [(self.anchor, joint), (joint, attachment)]
+
+    def connections(self, joints: Joints, attachment: Vec) -> Sequence[Connection]:
+        """A universal joint on the base, the rod that slides in the cylinder, a ball joint on the platform."""
+        (_, joint), *_ = self.bars(joints, attachment)
+        bar = attachment - self.anchor
+        along = bar * safe_divide(1, safe_sqrt(bar.dot(bar)))
+        # level, unless the leg is nearly so
+        side = Vec(-along.y, along.x, jnp.zeros_like(along.z))
+        side = _where(jnp.abs(along.z) < 0.99, side, Vec(jnp.zeros_like(along.x), -along.z, along.y))
+        side = side * safe_divide(1, safe_sqrt(side.dot(side)))
+        universal = (Freedom("turn", side), Freedom("turn", along.cross(side)))
+        return [
+            Connection(BASE, 0, self.anchor, universal),
+            Connection(0, 1, joint, (Freedom("slide", along, joints=(0,)),)),
+            balled(1, PLATFORM, attachment),
+        ]
 
     def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The ball joint on the base."""
@@ -152,6 +169,10 @@ class StewartGough(Mechanism):
         lengths = safe_sqrt(jnp.sum((level + rise.array()[None]) ** 2, axis=1))
         position = Vec(*(jnp.mean(self.base, axis=0) - jnp.mean(turned, axis=0))) + rise
         return jnp.stack(self.space.coordinates(position, rotation)), lengths
+
+
+def _where(condition: Scalar, one: Vec, other: Vec) -> Vec:
+    return Vec(*(jnp.where(condition, a, b) for a, b in zip(one.components, other.components, strict=True)))
 
 
 def _check(robot: StewartGough) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxscissor._engine.numerics import Scalar, limit_margins, safe_sqrt, smallest
+from jaxscissor._engine.numerics import Scalar, limit_margins, safe_divide, safe_sqrt, smallest
 from jaxscissor._engine.pytree import pytree
 from jaxscissor._engine.vectors import Vec
+from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, pinned
 from jaxscissor.robots._contract import Joints, Leg
 from jaxscissor.robots._scott import Scott
 
@@ -34,6 +36,7 @@ class ScottLeg(Leg):
 
     actuated = (True, True)
     limits = ("least rho1..3", "greatest rho1..3", "least rho4..6", "greatest rho4..6")
+    _upper: ClassVar[tuple[int, ...]] = (0, 1)  # the joints whose sum is the upper slider's height
 
     def spread(self, joints: Joints) -> Scalar:
         """Height of the upper slider over the lower one."""
@@ -81,6 +84,20 @@ class ScottLeg(Leg):
         pin = upper + (attachment - upper) * (self.linkage.pin / self.linkage.link)
         return [(upper, attachment), (lower, pin)]
 
+    def connections(self, joints: Joints, attachment: Vec) -> Sequence[Connection]:
+        """Both sliders with ball joints on them, the pin between link and crank, the platform's ball joint."""
+        (upper, _), (lower, pin) = self.bars(joints, attachment)
+        zero = jnp.zeros_like(joints[0])
+        up = Vec(zero, zero, zero + 1)
+        radius = Vec(attachment.x - self.mast.x, attachment.y - self.mast.y, zero)
+        normal = up.cross(radius) * safe_divide(1, safe_sqrt(radius.dot(radius)))
+        return [
+            Connection(BASE, 1, lower, (Freedom("slide", up, joints=(0,)), Freedom("ball"))),
+            Connection(BASE, 0, upper, (Freedom("slide", up, joints=self._upper), Freedom("ball"))),
+            pinned(1, 0, pin, normal),
+            balled(0, PLATFORM, attachment),
+        ]
+
     def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The mast, from the ground to above the upper slider."""
         top = jnp.maximum(joints[0] + self.spread(joints), attachment.z) + 0.1 * self.scale
@@ -101,6 +118,8 @@ class ScottLeg(Leg):
 @pytree
 class MicaboLeg(ScottLeg):
     """The same leg with both actuators on the base: joints are the heights of the two sliders."""
+
+    _upper = (1,)
 
     def spread(self, joints: Joints) -> Scalar:
         """Height of the upper slider over the lower one."""

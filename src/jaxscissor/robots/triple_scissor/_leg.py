@@ -16,6 +16,7 @@ from jaxscissor._engine.pytree import pytree, unchecked
 from jaxscissor._engine.quartic import quartic_roots
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Vec
+from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, scissor_pins
 from jaxscissor.robots._contract import Joints, Leg
 from jaxscissor.robots._scissor import Scissor
 from jaxscissor.robots.triple_scissor._octahedron import Circle
@@ -228,6 +229,24 @@ class ScissorLeg(Leg):
         upper = (self.length - self.base_link) / 2 * self.shares
         scissor = unchecked(Scissor, link_lengths=jnp.concatenate([self.base_link[None], upper]), end="apex")
         return [(place(p), place(q)) for p, q in scissor.bars(width)]
+
+    def connections(self, joints: Joints, attachment: Vec) -> Sequence[Connection]:
+        """The feet slide and have ball joints, the scissor's pins are parallel, a ball joint holds the platform."""
+        bars = self.bars(joints, attachment)
+        (foot_a, _), (foot_b, _) = bars[:2]
+        normal = (foot_b - foot_a).cross(attachment - foot_a)
+        normal = normal * safe_divide(1, safe_sqrt(normal.dot(normal)))
+        last = len(bars) - 2
+        # half-bars below and above a crossing divide the bar
+        upper = (self.length - self.base_link) / 2 * self.shares
+        halves = jnp.concatenate([self.base_link[None], upper])
+        crossings = [p + (q - p) * (halves[i] / (halves[i] + halves[i + 1])) for i, (p, q) in enumerate(bars[:last:2])]
+        return [
+            Connection(BASE, 0, foot_a, (Freedom("slide", self.slide_a, joints=(0,)), Freedom("ball"))),
+            Connection(BASE, 1, foot_b, (Freedom("slide", self.slide_b, joints=(1,)), Freedom("ball"))),
+            *scissor_pins(bars, crossings, normal),
+            balled(last, PLATFORM, attachment),
+        ]
 
     def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """Both slides, as far as the stroke lets the feet go, or if it does not end, the scissor at rest."""
