@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 import jaxscissor as js
+from jaxscissor.robots._contract import angular_joints
 
 
 def margin(robot, pose):
@@ -40,6 +41,13 @@ def calls_of(robot):
     sample, key, made = box.quasi_random(100), jax.random.key(0), js.design.tolerances(robot)
     poses = np.asarray(sample[:])
     modes = js.forward_kinematics_all(robot, actuated, starts=64)
+    two, size = np.stack([np.asarray(home), pose]), float(robot.length)
+    rows, near = np.tile(actuated, (4, 1)), np.asarray(home) + unit * 1e-3 * np.sin(np.arange(4.0))[:, None]
+    angular = np.asarray(robot.actuated(np.array(angular_joints(robot))))
+    lever, load = np.where(angular, size, 1.0), js.statics.Load(payload=1.0)
+    springs = {"actuator_stiffness": 1e3 * lever**2 / size, "load": load}
+    bar = js.statics.Section.rectangle(js.statics.Material.aluminum(), depth=0.03, width=0.006)
+    known = {"offsets": np.where(angular, 1e-3, 1e-3 * size), "sigma": 1e-4 * unit}
     found = {
         "check_robot": partial(js.check_robot, robot, poses=16),
         "residual": partial(js.residual, robot, pose, joints=joints),
@@ -71,6 +79,22 @@ def calls_of(robot):
         "design.pose_sensitivity": partial(js.design.pose_sensitivity, robot, pose),
         "design.pose_error": partial(js.design.pose_error, robot, pose, made),
         "design.sample_pose_errors": partial(js.design.sample_pose_errors, robot, pose, made, key, 8),
+        "statics.actuator_forces": partial(js.statics.actuator_forces, robot, pose, load=load),
+        "statics.force_capability": partial(js.statics.force_capability, robot, pose, force_limit=100 * lever),
+        "statics.velocity_capability": partial(js.statics.velocity_capability, robot, pose, speed_limit=size / lever),
+        "statics.payload": partial(js.statics.payload, robot, pose, force_limit=100 * lever),
+        "statics.stiffness": partial(js.statics.stiffness, robot, pose, **springs),
+        "statics.sag": partial(js.statics.sag, robot, pose, **springs),
+        "statics.mass": partial(js.statics.mass, robot, section=bar),
+        "motion.follow": partial(js.motion.follow, robot, two),
+        "motion.track": partial(js.motion.track, robot, rows[:2]),
+        "motion.jog": partial(js.motion.jog, robot, pose, np.tile(unit / 1024, (2, 1))),
+        "motion.straight_line": partial(js.motion.straight_line, robot, *two, samples=4),
+        "motion.via_points": partial(js.motion.via_points, robot, two, samples=4),
+        "calibration.identify": partial(js.calibration.identify, robot, rows, near, **known),
+        "calibration.identifiability": partial(js.calibration.identifiability, robot, rows, **known),
+        "calibration.next_poses": partial(js.calibration.next_poses, robot, poses[:8], count=2, **known),
+        "calibration.heights": partial(js.calibration.heights, robot, pose),
         "per_leg": lambda: js.per_leg(robot).home(),
         "singularities.surface": partial(js.singularities.surface, robot, cube, (2, 2, 2)),
         "design.optimize": partial(js.design.optimize, parabola, 0.5, bounds=(0.0, 1.0), steps=3, starts=2),
@@ -89,6 +113,8 @@ def calls_of(robot):
         found["height_amplification"] = partial(js.height_amplification, robot, robot, [float(home[2])])
     if type(robot.legs()).solutions is not js.Leg.solutions:
         found["inverse_kinematics_all"] = partial(js.inverse_kinematics_all, robot, pose)
+    if type(robot.legs()).connections is not js.Leg.connections:
+        found["statics.bar_forces"] = partial(js.statics.bar_forces, robot, pose, load=load)
     if isinstance(robot, js.NavaroII):
         found["navaro.identify_assembly"] = partial(js.navaro.identify_assembly, robot, joints)
         found["navaro.swept_area"] = partial(js.navaro.swept_area, robot, poses)

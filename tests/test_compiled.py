@@ -72,7 +72,7 @@ def test_building_a_robot_compiles_two_programs_at_most():
 
 def test_every_function_of_a_robot_is_called_here():
     rooms = {"": js, "workspace.": js.workspace, "singularities.": js.singularities, "design.": js.design}
-    rooms["navaro."] = js.navaro
+    rooms |= {"navaro.": js.navaro, "motion.": js.motion, "calibration.": js.calibration, "statics.": js.statics}
     things = {room + name: getattr(door, name) for room, door in rooms.items() for name in door.__all__}
     names = {name for name, thing in things.items() if inspect.isfunction(thing) and _takes_a_robot(thing)}
     called = {name for robot in SMALL for name in calls_of(ALL[robot]())}

@@ -12,7 +12,8 @@ import jaxscissor as js
 
 ROOT = pathlib.Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "jaxscissor"
-ROOMS = ("design", "kinematics", "navaro", "plot", "regions", "robots", "singularities", "workspace")
+ROOMS = ("calibration", "design", "export", "kinematics", "motion", "navaro", "plot", "regions", "robots")
+ROOMS += ("singularities", "statics", "workspace")
 
 
 def test_rooms_show_what_their_doors_say_and_nothing_else():
@@ -44,7 +45,8 @@ def test_import_changes_nothing():
 
 
 def test_every_public_name_is_documented_and_has_an_example_where_it_computes():
-    for room in (js, js.workspace, js.singularities, js.design, js.navaro, js.plot):
+    rooms = (js.calibration, js.design, js.export, js.motion, js.navaro, js.plot, js.singularities, js.statics)
+    for room in (js, js.workspace, *rooms):
         for name in room.__all__:
             thing = getattr(room, name)
             if callable(thing):

@@ -2,7 +2,7 @@
 
 import importlib.metadata as _metadata
 
-from jaxscissor import design, navaro, plot, singularities, workspace
+from jaxscissor import calibration, design, export, motion, navaro, plot, singularities, statics, workspace
 from jaxscissor._engine.numerics import limit_margins, safe_sqrt
 from jaxscissor._engine.pytree import pytree, quantity, static
 from jaxscissor._engine.vectors import Rotation, Vec
@@ -65,10 +65,12 @@ __all__ = [
     "TriScott",
     "TripleScissorExtender",
     "Vec",
+    "calibration",
     "check_robot",
     "closure_jacobians",
     "constrained_pose",
     "design",
+    "export",
     "feasibility",
     "forward_kinematics",
     "forward_kinematics_all",
@@ -79,6 +81,7 @@ __all__ = [
     "inverse_kinematics_all",
     "limit_margins",
     "margins",
+    "motion",
     "navaro",
     "per_leg",
     "plot",
@@ -88,6 +91,7 @@ __all__ = [
     "safe_sqrt",
     "singularities",
     "static",
+    "statics",
     "within_limits",
     "workspace",
 ]

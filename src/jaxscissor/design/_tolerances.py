@@ -216,7 +216,7 @@ def _checked(
     if jax.tree.structure(deviations) != jax.tree.structure(wanted):
         raise ValueError(
             f"Got tolerances of structure {jax.tree.structure(deviations)}; expected that of the robot, as made by "
-            "js.tolerances."
+            "js.design.tolerances."
         )
     robot, pose = checked_pose(robot, pose)
     robot, pose, deviations, given = as_floats(robot, pose, deviations, jnp.asarray(joints))

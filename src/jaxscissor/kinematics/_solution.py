@@ -45,14 +45,15 @@ _MESSAGES = {
     Status.NO_SOLUTION: "proved to have no solution: the robot cannot be assembled there. If its platform cannot move "
     "freely, complete the pose by constrained_pose",
     Status.NONFINITE: "the input holds nan, infinity or numbers that overflow",
-    Status.SINGULAR: "the platform is loose where the iteration ended: the actuated joints do not determine its pose",
+    Status.SINGULAR: "the platform is loose where the iteration ended: the actuated joints do not determine its pose; "
+    "of a motion: the next step would reach or cross a singularity",
     Status.IMPROVED: "found a feasible design better than the one given",
     Status.NOT_IMPROVED: "the design given is the best feasible one that was found",
     Status.INFEASIBLE: "no design that was seen keeps the constraints",
     Status.IMPOSSIBLE: "no robot can be built of the best design",
     Status.PLANNED: "found a plan that keeps clear of singularities",
     Status.NO_CLEAR_MODE: "on some steps no mode keeps clear of singularities",
-    Status.OUT_OF_REACH: "some poses are beyond a limit, whatever the mode",
+    Status.OUT_OF_REACH: "a pose, or of a plan some poses in every mode, is beyond a limit",
 }
 
 
