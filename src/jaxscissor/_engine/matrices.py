@@ -101,7 +101,7 @@ def solve_regular(
     if len(rows) <= 3:
         return solve(safe, masked), ok
     solution, regular, _ = _eliminated(safe, masked)
-    regular = fence(regular)
+    regular = fence(regular)  # else every unknown would evaluate the verdict anew
     return tuple(jnp.where(regular, x, 0) for x in solution), regular & ok
 
 

@@ -115,6 +115,7 @@ def _implicit_jvp(residual: PyTree, primals: tuple[Any, ...], tangents: tuple[An
     root = implicit(residual, root, ok, args)
     _, rows = value_and_jacobian(lambda x: residual(x, args), root)
     _, moved = jax.jvp(lambda a: residual(root, a), (args,), (tangents[2],))
+    # every entry of the adjugate would evaluate the Jacobian and the moved residual anew
     tangent, _ = solve_regular(rows if len(rows) > 3 else fence(rows), [-m for m in fence(moved)], ok)
     return root, tangent
 

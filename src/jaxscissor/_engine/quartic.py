@@ -23,6 +23,7 @@ def quartic_roots(a3: Scalar, a2: Scalar, a1: Scalar, a0: Scalar) -> tuple[list[
     p = a2 - 6 * shift**2
     q = a1 - 2 * shift * a2 + 8 * shift**3
     r = a0 - shift * a1 + shift**2 * a2 - 3 * shift**4
+    # fenced: without, all modes of the TSE have a quarter more instructions
     z = fence(jnp.maximum(_largest_cubic_root(2 * p, p**2 - 4 * r, -(q**2)), 0))
     root = safe_sqrt(z)
     middle = (p + z) / 2

@@ -244,7 +244,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
     placed, size = place(robot, pose), robot.space.dimension
     results, _ = solve_legs(robot, placed, None, default_tol(pose.dtype), MAX_STEPS)
     joints = joints_together(robot, results.value)
-    matrix = fence(closure_matrix(robot, placed.position, placed.rotation, fence(joints)))
+    matrix = closure_matrix(robot, placed.position, placed.rotation, joints)
     unknown = matrix[:, jnp.array([*range(size), *passive_columns(robot)])]
     usable = placed.finite & jnp.all(results.solved) & is_regular([list(row) for row in unknown])
     unit = jnp.eye(len(unknown), dtype=unknown.dtype)
@@ -257,7 +257,7 @@ def _sensitivity(robot: Mechanism, pose: jax.Array) -> _Sensitivity:
         return jnp.stack(closure(crooked, crooked.legs(), joints, placed.position, placed.rotation))
 
     _, pull = jax.vjp(residuals, copies_of(robot))
-    (by_copies,) = jax.vmap(pull)(fence(adjoint))
+    (by_copies,) = jax.vmap(pull)(fence(adjoint))  # without: a third more, the inverse anew for every row
     return _Sensitivity(usable, by_copies, adjoint @ _driven(robot, matrix))
 
 

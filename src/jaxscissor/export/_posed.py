@@ -12,11 +12,10 @@ from jaxscissor._engine.programs import run_once
 from jaxscissor._engine.pytree import is_concrete
 from jaxscissor._engine.types import JointsLike, PoseLike, PyTree
 from jaxscissor._engine.vectors import Vec
-from jaxscissor.kinematics._constraints import constrained_pose
-from jaxscissor.kinematics._inverse import inverse_kinematics
+from jaxscissor.kinematics._configuration import configuration
 from jaxscissor.kinematics._legs import place
 from jaxscissor.robots._bodies import Connection
-from jaxscissor.robots._contract import Attachment, Joints, Leg, Mechanism, checked_joints, checked_pose, joints_by_leg
+from jaxscissor.robots._contract import Attachment, Joints, Leg, Mechanism, joints_by_leg
 from jaxscissor.robots._over_legs import one_by_one, over_legs
 from jaxscissor.statics._bodies import Bodies, bodies_of, centers_of
 from jaxscissor.statics._materials import Section
@@ -52,17 +51,7 @@ def posed(robot: Mechanism, pose: PoseLike | None, joints: JointsLike | None, se
     robot = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), robot)
     if not is_concrete(robot):
         raise ValueError("Got a robot that is being traced. A file holds numbers: write it outside jit, vmap and grad.")
-    home_pose, home_joints = robot.home()
-    if pose is None:
-        pose, joints = home_pose, home_joints if joints is None else joints
-    robot, pose = checked_pose(robot, pose)
-    if joints is None:
-        pose = constrained_pose(robot, pose).value
-        solution = inverse_kinematics(robot, pose)
-        if not bool(solution.converged):
-            raise ValueError(f"The home mode does not reach the pose {pose}; give joints to export another mode.")
-        joints = solution.value
-    joints = checked_joints(robot, joints)
+    robot, pose, joints = configuration(robot, pose, joints)
     section = jax.tree.map(lambda leaf: jnp.asarray(leaf, pose.dtype), section)
     position, rotation, length, legs = jax.tree.map(np.asarray, _described(robot, pose, joints, section))
     legs = [PosedLeg(_segments(bars), _segments(rails), *rest) for bars, rails, *rest in legs]

@@ -94,7 +94,7 @@ def _with_home(roots: jax.Array, found: jax.Array, home: LegResult) -> tuple[jax
         return roots, found
     root = jnp.stack(home.root)
     apart = jnp.sum(lax.stop_gradient(roots - root[None]) ** 2, axis=1)
-    own = fence(home.solved & (jnp.arange(len(apart)) == jnp.argmin(apart)))
+    own = fence(home.solved & (jnp.arange(len(apart)) == jnp.argmin(apart)))  # it decides twice
     return jnp.where(own[:, None], root[None], roots), found | own
 
 

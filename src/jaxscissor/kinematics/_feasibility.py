@@ -96,6 +96,7 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     status = jnp.max(statuses)
     constraints = robot.constraints(placed.position, placed.rotation)
     if constraints:
+        # fenced, as it decides twice, and evaluated anew it may round to the other side of the tolerance
         off, tol = fence(safe_sqrt(sum(c * c for c in constraints))), default_tol(pose.dtype)
         status = jnp.where(off <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
         margin = jnp.where(off <= tol, margin, smallest([margin, -off]))
@@ -123,6 +124,7 @@ def _least_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]):
     for other in others:
         chosen = jax.tree.map(lambda new, old, less=other[0] < chosen[0]: jnp.where(less, new, old), other, chosen)
     _, case, motion, home = chosen
+    # fenced on both sides: without, the soft gradient takes 1.3 times as long
     gradient = fence(jax.grad(lambda c: _leg_margin(*c, home, True)[0])(fence(case)))
     products = jax.tree.leaves(jax.tree.map(lambda g, m: jnp.sum(g * m), gradient, motion))
     return _least(*primals), sum(products[1:], products[0])

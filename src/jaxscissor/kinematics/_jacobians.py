@@ -138,7 +138,7 @@ def leg_jacobian(leg: Leg, attachment: Attachment, joints: Joints) -> tuple[Scal
     numbers, tree = jax.tree.flatten(attachment)
     _, by_joints = value_and_jacobian(lambda q: leg.residual(q, attachment), joints)
     _, by_numbers = value_and_jacobian(lambda a: leg.residual(joints, jax.tree.unflatten(tree, a)), tuple(numbers))
-    by_joints, by_numbers = fence((by_joints, by_numbers))
+    by_joints, by_numbers = fence((by_joints, by_numbers))  # without, the inverse Jacobian takes 1.15 times as long
     rhs = [jnp.stack([-e for e in row]) for row in by_numbers]
     rows, invertible = solve_regular(by_joints, rhs)
     return invertible, jnp.stack(rows)

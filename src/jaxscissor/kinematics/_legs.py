@@ -71,7 +71,7 @@ def solve_leg(
     converged = active & (error <= tol)
     if reach is None:
         wanted = home if guess is None else leg.mode(guess, attachment)
-        solved = fence(converged & (leg.mode(root, attachment) == wanted))
+        solved = fence(converged & (leg.mode(root, attachment) == wanted))  # a verdict: once
     else:
         solved = converged
     return LegResult(root, start, solved, converged, reach, error, steps)
@@ -107,11 +107,11 @@ def place(robot: Mechanism, pose: jax.Array) -> Placed:
     """Evaluate what the legs see of the platform, at the pose and at home."""
     home_pose, _ = robot.home()
     inverse = 1 / lax.stop_gradient(robot.length)
-    finite = jnp.isfinite(fence(sum((x * inverse) ** 2 for x in pose)))
+    finite = jnp.isfinite(fence(sum((x * inverse) ** 2 for x in pose)))  # once, not for every coordinate
     # number by number: a batch of vectors would be stored once more
     pose = jnp.stack([jnp.where(finite, x, h) for x, h in zip(pose, lax.stop_gradient(home_pose), strict=True)])
     position, rotation = robot.space.place(pose)
-    seen = fence(seen_by_legs(robot, position, rotation))
+    seen = fence(seen_by_legs(robot, position, rotation))  # every derivative of a leg would turn the platform anew
     return Placed(finite, pose, position, rotation, robot.legs(), seen)
 
 

@@ -11,13 +11,12 @@ import numpy as np
 from jaxscissor._engine.numerics import default_tol
 from jaxscissor._engine.types import JointsLike, Numbers, PoseLike
 from jaxscissor._engine.vectors import Vec
-from jaxscissor.kinematics._constraints import constrained_pose
-from jaxscissor.kinematics._inverse import inverse_kinematics
+from jaxscissor.kinematics._configuration import configuration
 from jaxscissor.kinematics._legs import place
 from jaxscissor.plot._singularities import singularity_map as singularity_map
 from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import finish, new_axes
-from jaxscissor.robots._contract import Mechanism, checked_joints, checked_pose, joints_by_leg
+from jaxscissor.robots._contract import Mechanism, joints_by_leg
 from jaxscissor.robots._over_legs import one_by_one
 
 if TYPE_CHECKING:
@@ -60,17 +59,8 @@ def robot(
       >>> js.plot.robot(js.NavaroII.prototype(), unit="").get_ylabel()
       'y'
     """
-    home_pose, home_joints = robot.home()
-    if pose is None:
-        pose, joints = home_pose, home_joints if joints is None else joints
-    robot, pose = checked_pose(robot, pose)
-    if joints is None:
-        pose = constrained_pose(robot, pose).value
-        solution = inverse_kinematics(robot, pose)
-        if not bool(solution.converged):
-            raise ValueError(f"The home mode does not reach the pose {pose}; give joints to draw another mode.")
-        joints = solution.value
-    drawing = jax.tree.map(np.asarray, _drawing(robot, pose, checked_joints(robot, joints)))
+    robot, pose, joints = configuration(robot, pose, joints)
+    drawing = jax.tree.map(np.asarray, _drawing(robot, pose, joints))
     ax = new_axes(ax, spatial=robot.space.translations == 3)
     size = 3 if ax.name == "3d" else 2
     if size < robot.space.translations:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.pytree import as_arrays, float_dtype, is_concrete, pytree, static
 from jaxscissor._engine.types import Number, PyTree
 
@@ -110,7 +111,7 @@ class Sample:
 
     def poses(self, indices: jax.Array) -> jax.Array:
         """Poses ``(m, d)`` with these numbers."""
-        return jax.vmap(self.pose)(indices)
+        return fence(jax.vmap(self.pose)(indices))  # whatever takes coordinates would evaluate the digits anew
 
     def __getitem__(self, key: slice) -> jax.Array:
         if not isinstance(key, slice):

@@ -7,6 +7,7 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 
+from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.pytree import pytree, static
 from jaxscissor._engine.types import Number, Numbers
 from jaxscissor.regions._regions import Sample, pose_shape
@@ -27,7 +28,7 @@ class Listed:
 
     def poses(self, indices: jax.Array) -> jax.Array:
         """Poses ``(m, d)`` with these numbers."""
-        return self.array[indices]
+        return fence(self.array[indices])  # whatever takes coordinates would pick them from the array anew
 
 
 @pytree
@@ -45,7 +46,7 @@ class _EachPose:
         return self.sample.pose(index // self.together)[index % self.together]
 
     def poses(self, indices: jax.Array) -> jax.Array:
-        return jax.vmap(self.pose)(indices)
+        return fence(jax.vmap(self.pose)(indices))
 
 
 AnySample: TypeAlias = Sample | Listed | _EachPose

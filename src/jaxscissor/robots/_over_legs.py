@@ -18,6 +18,7 @@ def over_legs(function: Callable[..., Any], legs: Any, *seen: PyTree) -> Any:
     The legs run one after another through one program, which has a leg's numbers as scalars and the lanes
     side by side: a third of the program to compile, and the speed of legs unrolled.
     """
+    # fenced, as each array of results would evaluate the whole function
     return lax.map(lambda case: fence(function(*case)), (legs, *seen))
 
 

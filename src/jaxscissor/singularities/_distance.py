@@ -357,7 +357,7 @@ def _look(robot: Mechanism, start: _Start, step: jax.Array, joints: jax.Array) -
     placed = place(robot, pose)
     legs, _ = solve_legs(robot, placed, joints, default_tol(pose.dtype), _NEWTON_STEPS)
     joints = joints_together(robot, legs.value)
-    matrix = fence(closure_matrix(robot, placed.position, placed.rotation, joints))
+    matrix = fence(closure_matrix(robot, placed.position, placed.rotation, joints))  # every minor reads it
     d = robot.space.dimension
     type1 = jnp.stack([small_determinant(_own(matrix, jnp.array(c) - d)) for c in leg_columns(robot)])
     type2 = small_determinant(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])

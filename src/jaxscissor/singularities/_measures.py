@@ -109,13 +109,14 @@ def measures(robot: Mechanism, pose: PoseLike, *, joints: JointsLike | None = No
 def _measured(robot: Mechanism, pose: jax.Array, joints: jax.Array | None) -> Measures:
     if joints is None:
         solution = inverse_kinematics(robot, pose)
-        configuration, status = fence(solution.value), solution.status
+        configuration, status = solution.value, solution.status
     else:
         configuration = joints
         status = jnp.where(jnp.all(jnp.isfinite(joints)), Status.CONVERGED, Status.NONFINITE)
     home_pose, home_joints = robot.home()
     usable = jnp.all(jnp.isfinite(pose)) & (status == Status.CONVERGED)
-    position, rotation = fence(robot.space.place(jnp.where(usable, pose, home_pose)))
+    placed = robot.space.place(jnp.where(usable, pose, home_pose))
+    position, rotation = fence(placed)  # every derivative of the closure would evaluate the rotation anew
     type1, type2, matrix = _measures(robot, position, rotation, jnp.where(usable, configuration, home_joints))
     joint_motion, platform_motion = _motions(robot, lax.stop_gradient(matrix))
     found = Measures(type1, type2, joint_motion, platform_motion, status.astype(jnp.int32))
@@ -124,7 +125,7 @@ def _measured(robot: Mechanism, pose: jax.Array, joints: jax.Array | None) -> Me
 
 def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array):
     """Both measures at given joints, and the matrix they come from."""
-    matrix = fence(closure_matrix(robot, position, rotation, joints))
+    matrix = fence(closure_matrix(robot, position, rotation, joints))  # both measures and the motions take it apart
     d = robot.space.dimension
     rows = [matrix[columns[0] - d : columns[-1] + 1 - d] for columns in leg_columns(robot)]  # one per joint
     own = [block[:, columns[0] : columns[-1] + 1] for block, columns in zip(rows, leg_columns(robot), strict=True)]
@@ -176,6 +177,7 @@ def _type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
     twist, driven, free = matrix[:, :d], matrix[:, jnp.array(actuated)], matrix[:, jnp.array(passive, int)]
     legs = len(actuated) + len(passive)  # rows; those of the constraints follow
     # det(N A A^T N^T + N B B^T N^T) for any N that eliminates the passive columns, without choosing one
+    # fenced, as every minor of the determinant would evaluate the products anew
     gram = fence(twist[:legs] @ twist[:legs].T + driven[:legs] @ driven[:legs].T)
     corner = jnp.zeros((len(passive), len(passive)), gram.dtype)
     bordered = jnp.block([[gram, free[:legs]], [free[:legs].T, corner]]) if passive else gram

@@ -150,7 +150,8 @@ def balance(case: Case, *, bound: bool = True) -> Balance:
         status = jnp.where(broken & bound, jnp.maximum(status, Status.NO_SOLUTION), status)
         rows = jnp.concatenate([rows, constraints])
     pull = pull + jnp.einsum("ln,lnd->d", weight, moved)
-    rows = jnp.where(fence(jnp.all(regular) & (status == Status.CONVERGED)), rows, 0)
+    usable = fence(jnp.all(regular) & (status == Status.CONVERGED))  # a verdict, which every entry would evaluate anew
+    rows = jnp.where(usable, rows, 0)
     inverse = _inverse(robot, rows)
     singular = (status == Status.CONVERGED) & ~jnp.any(inverse != 0)
     status = jnp.where(singular, Status.SINGULAR, status).astype(jnp.int32)

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._engine.cpu.chunks import lanes_together
-from jaxscissor._engine.cpu.fence import fence
 from jaxscissor.regions._samples import AnySample, PosesLike, each_pose
 from jaxscissor.robots._contract import Mechanism
 from jaxscissor.workspace._reached import checked_sample
@@ -40,5 +39,5 @@ def values_of(quantity: Quantity, robot: Mechanism, sample: AnySample, turn: jax
     chunk, _ = chunks(sample)
     numbers = jnp.asarray(turn).astype(jnp.uint32) * jnp.uint32(chunk) + jnp.arange(chunk, dtype=jnp.uint32)
     counted = numbers < len(sample)
-    poses = fence(sample.poses(jnp.where(counted, numbers, 0)))
+    poses = sample.poses(jnp.where(counted, numbers, 0))
     return jax.vmap(lambda pose, there: jnp.where(there, quantity(robot, pose), jnp.nan))(poses, counted), numbers

@@ -5,7 +5,6 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.map_reduce import Execution, map_reduce, planned
 from jaxscissor._engine.pytree import float_dtype
 from jaxscissor._engine.types import PyTree
@@ -52,5 +51,5 @@ def fraction(
 def _count(
     _: object, total: PyTree, indices: jax.Array, counted: jax.Array, robot: Mechanism, sample: AnySample
 ) -> jax.Array:
-    reached = jax.vmap(lambda pose: sample_margin(robot, sample, pose) >= 0)(fence(sample.poses(indices)))
+    reached = jax.vmap(lambda pose: sample_margin(robot, sample, pose) >= 0)(sample.poses(indices))
     return total + jnp.sum(reached & counted, dtype=jnp.uint32)

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.map_reduce import Execution, map_reduce, planned
 from jaxscissor._engine.pytree import float_dtype, pytree, static
 from jaxscissor._engine.types import PyTree
@@ -97,7 +96,7 @@ def _count(_: object, totals: PyTree, indices: jax.Array, counted: jax.Array, ro
         first = jnp.arange(each.size).reshape(each.shape) == jnp.argmin(each)
         return first & (least < 0) & whole.converged, ~whole.converged
 
-    poses = fence(sample.poses(indices))
+    poses = sample.poses(indices)
     binds, fails = jax.vmap(judge)(poses)
     binds = (binds & counted[:, None, None]).astype(count.dtype)
     total = total + jnp.einsum("nij,nd->ijd", binds, jnp.where(jnp.isfinite(poses), poses, 0))

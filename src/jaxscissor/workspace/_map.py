@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxscissor._engine.cpu.chunks import lanes_together
-from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.map_reduce import Execution
 from jaxscissor._engine.programs import keyed
 from jaxscissor._engine.types import PyTree
@@ -60,7 +59,7 @@ def _mapped(function: Function, robot: Mechanism, sample: AnySample, *, chunk: i
 
     def part(start: jax.Array) -> PyTree:
         indices = jnp.minimum(start + jnp.arange(chunk, dtype=jnp.uint32), jnp.uint32(size - 1))
-        return jax.vmap(function, (None, 0))(robot, fence(sample.poses(indices)))
+        return jax.vmap(function, (None, 0))(robot, sample.poses(indices))
 
     found = lax.map(part, jnp.arange(0, size, chunk, dtype=jnp.uint32))
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:size], found)

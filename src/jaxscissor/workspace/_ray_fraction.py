@@ -160,7 +160,7 @@ def _add_rays(
     settings: _Settings, totals: PyTree, indices: jax.Array, counted: jax.Array, design: PyTree, sample: Sample
 ):
     """Add the reached lengths of some rays and, if the totals hold a gradient, their part of the boundary integral."""
-    lines = fence(jax.vmap(partial(_line, settings.axes, sample))(indices))
+    lines = fence(jax.vmap(partial(_line, settings.axes, sample))(indices))  # every cell would draw them anew
     return _chunk(settings, design, lines, counted, totals)
 
 
@@ -203,7 +203,7 @@ def _chunk(settings: _Settings, design: PyTree, lines: tuple[jax.Array, jax.Arra
         sign = jnp.where(used, jnp.where(inside[row, cell], 1, -1), 0).astype(low.dtype)
         point, beyond, left = last_inside(lambda t: margins(design, *line, t), low, high, at_low, at_high, used)
         _, pull = jax.vjp(lambda d, start: margins(d, start, line[1], point), design, line[0])
-        slopes = fence(pull(jnp.ones_like(point))[1])
+        slopes = fence(pull(jnp.ones_like(point))[1])  # the crossing and its weight take them
         slope = jnp.sum(slopes * line[1], axis=1)
         share = jnp.clip(-safe_divide(left, slope * (beyond - point)), 0, 1)
         crossing = point + share * (beyond - point)

@@ -148,7 +148,7 @@ def _add_soft_moments(
     def of_pose(robot: Mechanism, pose: jax.Array):
         return _smooth_step(sharpness * sample_margin(robot, sample, pose))
 
-    poses = fence(sample.poses(indices))
+    poses = sample.poses(indices)
     values, gradients = jax.vmap(jax.value_and_grad(of_pose), (None, 0))(design, poses)
     both = values, gradients, jax.tree.map(jnp.square, gradients)
 
@@ -162,7 +162,8 @@ def _add_soft_moments(
 def _soft_sum(
     robot: Mechanism, sample: AnySample, sharpness: jax.Array, indices: jax.Array, counted: jax.Array
 ) -> jax.Array:
-    poses = fence(sample.poses(indices))
+    poses = sample.poses(indices)
+    # fenced, as the step and its derivative would each evaluate the margins
     margins = fence(jax.vmap(lambda pose: sample_margin(robot, sample, pose))(poses))
     soft = _smooth_step(sharpness * margins)
     return jnp.sum(jnp.where(counted, soft, 0))

@@ -39,7 +39,7 @@ def sine_cosine(angle: jax.Array) -> tuple[Scalar, Scalar]:
     Polynomials and constants of Sun's fdlibm, kernels ``k_sin.c`` and ``k_cos.c``.
     """
     if PLAIN or angle.dtype != jnp.float64:
-        return fence((jnp.sin(angle), jnp.cos(angle)))
+        return fence((jnp.sin(angle), jnp.cos(angle)))  # whatever multiplies them would evaluate them anew
     turns = jnp.round(angle * _INVERSE)
     rest = functools.reduce(lambda x, part: x - turns * part, _QUARTER, angle)
     rest = jnp.clip(rest, -1, 1)  # an angle so large that nothing is left of its digits

@@ -143,11 +143,11 @@ class ScissorLeg(Leg):
         At the edge the mode folds into another one, or a foot comes to s = 0; where F is positive there,
         the joints are those of the edge.
         """
-        profile = fence(_profile(*self._conics(attachment)))
-        edge = fence(_edge(profile))
+        profile = fence(_profile(*self._conics(attachment)))  # without: a third more of inverse kinematics
+        edge = fence(_edge(profile))  # it decides, and evaluated anew it may be another
         reach = -profile.value(edge)
         fixed = lax.stop_gradient((profile, edge))  # Newton gives the root its derivative
-        u = jnp.where(reach >= 0, fence(_outer_root(*fixed)), edge)
+        u = jnp.where(reach >= 0, _outer_root(*fixed), edge)
         return tuple(s * self.length for s in profile.joints(u)), reach
 
     def assembles(self, attachment: Vec) -> Scalar:
@@ -295,7 +295,7 @@ def _edge(profile: _Profile) -> Scalar:
     folded = (a > 0) & (profile.slope(low) < 0)
     fixed = lax.stop_gradient(profile)
     least = lax.stop_gradient(low)
-    guess = fence(jnp.maximum(_fold_guess(fixed), least))
+    guess = jnp.maximum(_fold_guess(fixed), least)
     guess = lax.fori_loop(0, 3, lambda _, u: jnp.maximum(_halley(fixed, u), least), guess)
     (fold,) = implicit(_fold_equation, (guess,), folded, profile)
     return jnp.where(folded, fold, low)
@@ -348,7 +348,7 @@ def _outer_root(f: _Profile, edge: Scalar) -> Scalar:
         root = safe_sqrt(slope**2 - 2 * value * curvature)
         return jnp.maximum(u - safe_divide(2 * value * u, slope + root), edge)
 
-    return lax.fori_loop(0, 5, step, fence(jnp.maximum(u, edge)))
+    return lax.fori_loop(0, 5, step, jnp.maximum(u, edge))
 
 
 def _circle_roots(k0: Scalar, k1: Scalar, k2: Scalar, k3: Scalar):
@@ -368,7 +368,7 @@ def _circle_roots(k0: Scalar, k1: Scalar, k2: Scalar, k3: Scalar):
     q1, q2, q3 = k1 * c0 + k2 * s0, k2 * c0 - k1 * s0, k3 * c0 * s0
     lead = jnp.where(best == 0, 1, best)
     odd = 2 * q2 / lead
-    roots, real = quartic_roots(*fence((odd, 2 * (k0 - 3 * q3) / lead, odd, (k0 + q1 + q3) / lead)))
+    roots, real = quartic_roots(odd, 2 * (k0 - 3 * q3) / lead, odd, (k0 + q1 + q3) / lead)
     cosines, sines = [], []
     for t in roots:
         scale = 1 / (1 + t * t)

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, unchecked
@@ -195,7 +194,7 @@ class TripleScissorExtender(Mechanism):
     def _corners(self) -> list[Vec]:
         """The ball joints in the platform frame."""
         radius, azimuths = self.top_radius, self.azimuths
-        x, y = fence([radius * jnp.cos(azimuths), radius * jnp.sin(azimuths)])
+        x, y = radius * jnp.cos(azimuths), radius * jnp.sin(azimuths)
         return [Vec(x[i], y[i], -self.top_offset) for i in range(3)]
 
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
