@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, unchecked
@@ -200,7 +201,8 @@ class TripleScissorExtender(Mechanism):
     def assemblies(self, joints: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Up to 16 poses: with the slides held, every apex runs on a circle about the line of its feet."""
         corners, scale = self._corners(), self.length
-        circles = [leg.apex_circle(q) for leg, q in one_by_one(self.legs(), joints_by_leg(self, joints))]
+        legs = fence(self.legs())  # else every circle would evaluate the slides' directions anew
+        circles = [leg.apex_circle(q) for leg, q in one_by_one(legs, joints_by_leg(self, joints))]
         pairs = zip(corners, [*corners[1:], corners[0]], strict=True)
         sides = [safe_sqrt((a - b).dot(a - b)) / scale for a, b in pairs]
         angles, valid = inscribed_triangles(circles, tuple(sides))
