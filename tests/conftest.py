@@ -63,7 +63,6 @@ ROBOTS = {
     "tse_prototype": js.TripleScissorExtender.prototype,
     "tse_clockwise": tse_clockwise,
     **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (1, 8)},
-    "tri_scott": js.TriScott.prototype,
     "tri_scott_skewed": tri_scott_skewed,
     "stewart_gough": js.StewartGough.prototype,
     "three_prs": ThreePRS.example,
@@ -73,6 +72,7 @@ ROBOTS = {
 
 MORE = {  # by ``-m exhaustive``
     **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (3, 6)},
+    "tri_scott": js.TriScott.prototype,
     "micabo": js.Micabo.prototype,
     "planar_3rpr": Planar3RPR.example,
 }

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from tests.conftest import exhaustive
 from tests.kinematics.test_contract import matrix_of
 
 INCH = 0.0254
@@ -50,7 +51,7 @@ def reached(robot, rng, n):
 
 
 @pytest.mark.parametrize(
-    "ratios", [(0.2647, np.pi / 6, 0.0186, 0.11765), (0.45, 0.9, 0.15, 0.1), (0.3, -0.3, 0.2, 0.1)]
+    "ratios", [(0.2647, np.pi / 6, 0.0186, 0.11765), *exhaustive((0.45, 0.9, 0.15, 0.1), (0.3, -0.3, 0.2, 0.1))]
 )
 def test_scissor_extender_is_assembled_as_a_dense_search_finds(ratios, rng):
     robot = js.TripleScissorExtender.from_ratios(*ratios)

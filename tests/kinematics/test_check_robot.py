@@ -13,7 +13,7 @@ import jaxscissor as js
 from tests.conftest import ALL, ROBOTS, exhaustive
 from tests.toys import DeltaLeg, LinearDelta, Planar3RPR
 
-CHECKED = ("navaro_mode_8", "three_prs", "linear_delta")
+CHECKED = ("navaro_mode_8", "linear_delta")
 UP = js.Vec(0.0, 0.0, 1.0)
 
 
