@@ -18,6 +18,7 @@ from jaxscissor._engine.types import JointsLike, Number, PoseLike, PyTree
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.kinematics._legs import MAX_STEPS, LegResult, closest_joints, place, solve_legs
 from jaxscissor.kinematics._platform import State, all_joints, assemble, differentiable_pose, state_at
+from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import (
     Mechanism,
     checked_freedoms,
@@ -68,17 +69,19 @@ def inverse_kinematics_all(robot: Mechanism, pose: PoseLike) -> WorkingModes:
     """
     robot, pose = checked_pose(robot, pose)
     placed, tol = place(robot, pose), default_tol(pose.dtype)
-    homes, _ = solve_legs(robot, placed, None, tol, MAX_STEPS)
+    homes, statuses = solve_legs(robot, placed, None, tol, MAX_STEPS)
     values, valid = [], []
-    for leg, attachment, home in one_by_one(placed.legs, placed.attachments, homes):
+    for leg, attachment, home, status in one_by_one(placed.legs, placed.attachments, homes, statuses):
         solutions = leg.solutions(attachment)
         if solutions is None:
             raise ValueError(
                 f"{type(leg).__name__} does not know all its solutions. Give it a method solutions(attachment), or "
                 "use inverse_kinematics with several guesses."
             )
-        closed = [norm(leg.residual(joints, attachment)) <= tol for joints in solutions[0]]
-        found = jnp.stack([v & c for v, c in zip(solutions[1], closed, strict=True)])
+        closed = jnp.stack([norm(leg.residual(joints, attachment)) <= tol for joints in solutions[0]])
+        found = jnp.stack(solutions[1]) & closed
+        # the status has decided whether there is any root: within rounding of an edge its verdict counts
+        found = jnp.where(status == Status.NO_SOLUTION, False, jnp.where(jnp.any(found), found, closed))
         roots, found = _with_home(jnp.stack([jnp.stack(joints) for joints in solutions[0]]), found, home)
         values.append(roots)
         valid.append(found & placed.finite)
