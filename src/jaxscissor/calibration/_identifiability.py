@@ -92,7 +92,7 @@ def identifiability(
     Example:
       >>> import numpy as np, jaxscissor as js
       >>> robot = js.StewartGough.prototype()
-      >>> near = robot.home()[1] + 0.1 * np.sin(np.arange(30)).reshape(5, 6)
+      >>> near = robot.home()[1][None] + 0.1 * np.sin(np.arange(30)).reshape(5, 6)
       >>> found = js.calibration.identifiability(robot, near, offsets=1e-3, sigma=1e-4)
       >>> found.rank, found.names[0]
       (6, 'offsets[0]')
