@@ -137,3 +137,12 @@ def test_bars_move_as_the_closure_says(case):
 def test_a_robot_that_does_not_say_how_its_bars_hang_together_has_no_connections():
     robot = LinearDelta.example()
     assert all(not connections for _, connections, _ in described(robot, *robot.home()))
+
+
+def test_connections_that_are_none_are_refused():
+    class Loose(js.robots.Leg):
+        def connections(self, joints, attachment):
+            return [attachment]
+
+    with pytest.raises(ValueError, match=r"Loose.connections\(joints, attachment\) gave .*; expected a list of robots"):
+        Loose().connections((1.0,), js.Vec(0.0, 0.0, 0.0))

@@ -14,6 +14,7 @@ from jaxscissor.export._posed import Posed, in_space, posed
 from jaxscissor.export._tree import TOP, WORLD, Drive, Joint, Tree, bar_name, tree_of
 from jaxscissor.export._xml import add, text_of
 from jaxscissor.robots._contract import Mechanism, actuated_mask
+from jaxscissor.statics._balance import per_actuator
 from jaxscissor.statics._load import Load
 from jaxscissor.statics._materials import Section
 
@@ -74,7 +75,8 @@ def to_mjcf(
     masses = masses_of(state, tree.bodies, load)
     driven = [drive for drive, used in zip(tree.drives, actuated_mask(robot), strict=True) if used]
     inertias = [moved_mass(masses) * (state.length**2 if drive.angular else 1.0) for drive in driven]
-    gains = _gains(inertias, actuator_stiffness)
+    stiffness = np.array(inertias) * _FREQUENCY**2 if actuator_stiffness is None else actuator_stiffness
+    gains = np.asarray(per_actuator(robot, "actuator_stiffness", stiffness, state.joints.dtype))
 
     root = ElementTree.Element("mujoco", model=type(robot).__name__)
     add(root, "compiler", angle="radian")
@@ -92,21 +94,6 @@ def to_mjcf(
     _add_actuators(root, driven, gains if actuators == "position" else None)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _gains(inertias: list[float], stiffness: Numbers | None) -> np.ndarray:
-    """Stiffness of every position actuator.
-
-    Raises:
-      ValueError: a wrong shape.
-    """
-    count = len(inertias)
-    given = np.array(inertias) * _FREQUENCY**2 if stiffness is None else np.asarray(stiffness, float)
-    if given.shape not in ((), (count,)):
-        raise ValueError(
-            f"Got actuator_stiffness of shape {given.shape}; expected () or ({count},), one per actuated joint."
-        )
-    return np.broadcast_to(given, (count,))
 
 
 def _timestep(inertias: list[float], gains: np.ndarray) -> float:

@@ -121,7 +121,7 @@ def home_modes(robot: Mechanism, placed: Placed) -> Scalar | None:
     if jax.eval_shape(lambda leg, seen: leg.start(seen), leg, seen)[1] is not None:
         return None
     pose, joints = robot.home()
-    cases = robot.legs(), joints_by_leg(robot, joints), seen_by_legs(robot, *robot.space.place(pose))
+    cases = placed.legs, joints_by_leg(robot, joints), seen_by_legs(robot, *robot.space.place(pose))
     return over_legs(lambda leg, q, seen: leg.mode(q, seen), *lax.stop_gradient(cases))
 
 

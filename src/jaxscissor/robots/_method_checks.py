@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxscissor._engine.pytree import float_dtype
 from jaxscissor._engine.types import PyTree
+from jaxscissor.robots._bodies import Connection
 
 Check = Callable[..., Any]  # (self, what the method gave, *its arguments) -> what the library is given
 
@@ -173,6 +174,14 @@ def checked_solutions(self: Any, solutions: Any, attachment: PyTree) -> Any:
     return cast(tuple(solutions), _dtype(attachment))
 
 
+def checked_connections(self: Any, connections: Any, joints: tuple[Any, ...], attachment: PyTree) -> Any:
+    """A list of connections."""
+    if not isinstance(connections, (tuple, list)) or not all(isinstance(one, Connection) for one in connections):
+        expected = "a list of robots.Connection, one for every place where two parts are held together"
+        raise refuse(self, "connections(joints, attachment)", connections, expected)
+    return cast(list(connections), jnp.result_type(joints[0]))
+
+
 def _dtype(tree: PyTree) -> Any:
     return jnp.result_type(jax.tree.leaves(tree)[0])
 
@@ -189,4 +198,5 @@ LEG: Mapping[str, Check] = {
     "start": checked_start,
     "margins": checked_margins,
     "solutions": checked_solutions,
+    "connections": checked_connections,
 }

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxscissor._engine.cpu.fence import fence
+from jaxscissor._engine.left_inverse import left_inverse
 from jaxscissor._engine.numerics import Scalar, default_tol, safe_divide, safe_sqrt
 from jaxscissor._engine.types import Numbers, PoseLike, PyTree
 from jaxscissor.kinematics._jacobians import constraint_rows, leg_jacobian
@@ -29,7 +30,6 @@ from jaxscissor.robots._contract import (
 )
 from jaxscissor.robots._over_legs import over_legs
 from jaxscissor.statics._bodies import Bodies, bodies_of, weight_potential
-from jaxscissor.statics._left_inverse import left_inverse
 from jaxscissor.statics._load import Load
 from jaxscissor.statics._materials import Section
 

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxscissor._engine.left_inverse import left_inverse
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._bodies import PLATFORM, Connection
 from jaxscissor.robots._contract import Attachment, Joints, Leg
 from jaxscissor.statics._bodies import Bodies, bar_ends, centers_of, in_space
-from jaxscissor.statics._left_inverse import left_inverse
 
 
 class Linkage(NamedTuple):

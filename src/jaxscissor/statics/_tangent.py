@@ -7,6 +7,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
+from jaxscissor._engine.left_inverse import left_inverse
 from jaxscissor._engine.numerics import safe_divide, safe_sqrt
 from jaxscissor._engine.types import PyTree
 from jaxscissor.kinematics._jacobians import leg_jacobian
@@ -14,7 +15,6 @@ from jaxscissor.robots._contract import Attachment, Joints, Leg, seen_by_legs
 from jaxscissor.robots._over_legs import over_legs
 from jaxscissor.statics._balance import Balance, Case, numbers_of, pushes_of_legs, slope_of_weight
 from jaxscissor.statics._bodies import Bodies
-from jaxscissor.statics._left_inverse import left_inverse
 
 
 def tangent_stiffness(case: Case, state: Balance, forces: jax.Array, actuator_stiffness: jax.Array) -> jax.Array:
@@ -44,7 +44,6 @@ def bordered_inverse(matrix: jax.Array, rows: jax.Array) -> jax.Array:
 
     Unknowns and equations are scaled by K's diagonal first, so that no unit matters.
     """
-    count = matrix.shape[0]
     scale = safe_divide(1, jnp.sqrt(jnp.abs(jnp.where(jnp.diag(matrix) == 0, 1, jnp.diag(matrix)))))
     scaled = rows * scale[None]
     each = safe_divide(1, safe_sqrt(jnp.sum(scaled**2, axis=1)))
@@ -52,7 +51,6 @@ def bordered_inverse(matrix: jax.Array, rows: jax.Array) -> jax.Array:
     corner = jnp.zeros((rows.shape[0], rows.shape[0]), matrix.dtype)
     whole = jnp.block([[matrix * scale[:, None] * scale[None], scaled.T], [scaled, corner]])
     both = jnp.concatenate([scale, each])
-    assert both.shape[0] == count + rows.shape[0]
     return left_inverse(whole) * both[:, None] * both[None]
 
 

@@ -16,7 +16,7 @@ def left_inverse(matrix: jax.Array) -> jax.Array:
     """G ``(n, m)`` with G A = 1 of a matrix A ``(m, n)``, ``m >= n``; zero where the columns depend on each other.
 
     If A x = b has a solution, it is G b. Gauss and Jordan's elimination, in a loop: LAPACK's calls may wait for ever
-    under ``vmap`` (see _engine/matrices.py), and an elimination that is unrolled takes long to compile. Rows and
+    under ``vmap`` (see matrices.py), and an elimination that is unrolled takes long to compile. Rows and
     columns must be of one size each; pivots below the rounding of so many terms count as zero.
     """
     rows, columns = matrix.shape
