@@ -26,6 +26,7 @@ from jaxscissor.robots._contract import (
     Joints,
     Leg,
     Mechanism,
+    actuation,
     angular_joints,
     checked_freedoms,
     joints_by_leg,
@@ -87,7 +88,7 @@ def _counts(robot: Mechanism) -> Iterator[str]:
         return [[getattr(leg, name)(*case) for name in ("residual", "margins", "mode")] for leg, *case in cases]
 
     jax.eval_shape(alone, robot, pose)
-    count = sum(map(len, robot.actuation()))
+    count = sum(map(len, actuation(robot)))
     if joints.shape != (count,):
         yield f"home() gave {len(joints)} joints; the legs have {count}: one entry per joint, leg by leg."
         return

@@ -12,7 +12,7 @@ from jaxscissor._engine.numerics import Scalar, smallest
 from jaxscissor._engine.pytree import float_dtype
 from jaxscissor._engine.types import Number
 from jaxscissor.kinematics._solution import Status
-from jaxscissor.robots._contract import Mechanism, joints_by_leg, seen_by_legs
+from jaxscissor.robots._contract import Mechanism, actuation, joints_by_leg, seen_by_legs
 from jaxscissor.robots._over_legs import over_legs
 from jaxscissor.singularities import measures
 
@@ -52,7 +52,7 @@ class Branch(NamedTuple):
 def unnamed(robot: Mechanism) -> Branch:
     """The branch of a robot that has not been seen yet."""
     dtype = float_dtype(robot)
-    return Branch(jnp.zeros(len(robot.actuation()), dtype), jnp.zeros((), dtype))
+    return Branch(jnp.zeros(len(actuation(robot)), dtype), jnp.zeros((), dtype))
 
 
 def named(branch: Branch, seen: Watched) -> Branch:

@@ -175,22 +175,37 @@ def _shown(value: Any) -> str:
     return np.array2string(np.asarray(value), precision=5, floatmode="maxprec", separator=", ").replace("\n", "")
 
 
+def actuation(robot: Mechanism) -> tuple[tuple[bool, ...], ...]:
+    """Which joints of each leg are actuated, asked once for all robots of one structure and equal shapes.
+
+    One trace needs it dozens of times, and the answer of most robots takes building all legs.
+    """
+    leaves, structure = jax.tree.flatten(robot)
+    key = structure, tuple(map(jnp.shape, leaves))
+    if key not in _ACTUATIONS:
+        _ACTUATIONS[key] = robot.actuation()
+    return _ACTUATIONS[key]
+
+
+_ACTUATIONS: dict[Any, tuple[tuple[bool, ...], ...]] = {}
+
+
 def joint_places(robot: Mechanism) -> np.ndarray:
     """For every leg, where its joints stand in the array of all joints, ``(legs, joints of a leg)``."""
-    legs, own = len(robot.actuation()), len(robot.actuation()[0])
+    legs, own = len(actuation(robot)), len(actuation(robot)[0])
     order = range(legs * own) if robot.joint_order is None else robot.joint_order
     return np.array(order).reshape(legs, own)
 
 
 def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
     """Which entries of the array of all joints are actuated."""
-    return _by_place(robot, robot.actuation())
+    return _by_place(robot, actuation(robot))
 
 
 def angular_joints(robot: Mechanism) -> tuple[bool, ...]:
     """Which entries of the array of all joints are angles."""
-    own = robot.legs().angular or (False,) * len(robot.actuation()[0])
-    return _by_place(robot, [own] * len(robot.actuation()))
+    own = robot.legs().angular or (False,) * len(actuation(robot)[0])
+    return _by_place(robot, [own] * len(actuation(robot)))
 
 
 def _by_place(robot: Mechanism, flags: Sequence[Sequence[bool]]) -> tuple[bool, ...]:
@@ -221,7 +236,7 @@ def seen_by_legs(robot: Mechanism, position: Vec, rotation: Rotation) -> Attachm
 
 
 def _seen_one_by_one(robot: Mechanism, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
-    seen, legs = robot.attachments(position, rotation), len(robot.actuation())
+    seen, legs = robot.attachments(position, rotation), len(actuation(robot))
     if len(seen) != legs:
         raise ValueError(
             f"{type(robot).__name__}.attachments(position, rotation) gave {len(seen)} attachments; expected {legs}, "

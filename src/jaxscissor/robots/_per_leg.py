@@ -18,6 +18,7 @@ from jaxscissor.robots._contract import (
     Joints,
     Leg,
     Mechanism,
+    actuation,
     differentiable_roots,
     joints_by_leg,
     joints_together,
@@ -143,6 +144,6 @@ def per_leg(robot: Mechanism, **dimensions: Any) -> PerLeg:
 
 def copies_of(robot: Mechanism) -> Any:
     """The robot with a leading axis ``(legs,)`` on every array."""
-    legs = len(robot.actuation())
+    legs = len(actuation(robot))
     (robot,) = as_floats(robot)
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (legs, *leaf.shape)), robot)

@@ -25,6 +25,7 @@ from jaxscissor.robots._contract import (
     Joints,
     Leg,
     Mechanism,
+    actuation,
     checked_freedoms,
     checked_joints,
     checked_pose,
@@ -118,7 +119,7 @@ def _measured(robot: Mechanism, pose: jax.Array, joints: jax.Array | None) -> Me
     placed = robot.space.place(jnp.where(usable, pose, home_pose))
     position, rotation = fence(placed)  # every derivative of the closure would evaluate the rotation anew
     type1, type2, matrix = _measures(robot, position, rotation, jnp.where(usable, configuration, home_joints))
-    joint_motion, platform_motion = _motions(robot, lax.stop_gradient(matrix))
+    joint_motion, platform_motion = _motions(*lax.stop_gradient((robot, matrix)))
     found = Measures(type1, type2, joint_motion, platform_motion, status.astype(jnp.int32))
     return jax.tree.map(lambda x: x if x.dtype == jnp.int32 else jnp.where(usable, x, jnp.nan), found)
 
@@ -168,7 +169,7 @@ def _gram(rows: jax.Array) -> jax.Array:
 
 
 def _type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
-    d, flags = robot.space.dimension, sum(robot.actuation(), ())
+    d, flags = robot.space.dimension, sum(actuation(robot), ())
     actuated = [d + i for i, a in enumerate(flags) if a]
     passive = passive_columns(robot)
     reduced = _without_passive(robot, matrix)
@@ -194,7 +195,7 @@ def _without_passive(robot: Mechanism, matrix: jax.Array) -> jax.Array | None:
     Three rows instead of nine for a planar robot; ``None`` for legs with several actuated joints and passive ones.
     """
     rows, first = [], robot.space.dimension
-    for columns, flags in zip(leg_columns(robot), robot.actuation(), strict=True):
+    for columns, flags in zip(leg_columns(robot), actuation(robot), strict=True):
         block, count = matrix[jnp.array(columns) - first], flags.count(False)
         if count not in (0, len(flags) - 1):
             return None
@@ -203,7 +204,7 @@ def _without_passive(robot: Mechanism, matrix: jax.Array) -> jax.Array | None:
             minors = [(-1) ** i * small_determinant(jnp.delete(free, i, axis=0)) for i in range(len(flags))]
             block = (jnp.stack(minors) @ block)[None]
         rows.append(block)
-    constraints = matrix[sum(map(len, robot.actuation())) :]
+    constraints = matrix[sum(map(len, actuation(robot))) :]
     return jnp.concatenate([*rows, constraints])
 
 
@@ -250,7 +251,7 @@ def _pushed(function: Callable[[jax.Array], Any], at: jax.Array) -> tuple[Any, A
 def leg_columns(robot: Mechanism) -> list[list[int]]:
     """Columns of the closure matrix that belong to each leg's joints."""
     columns, start = [], robot.space.dimension
-    for leg in robot.actuation():
+    for leg in actuation(robot):
         columns.append(list(range(start, start + len(leg))))
         start += len(leg)
     return columns
@@ -258,7 +259,7 @@ def leg_columns(robot: Mechanism) -> list[list[int]]:
 
 def passive_columns(robot: Mechanism) -> list[int]:
     """Columns of the closure matrix that belong to passive joints."""
-    return [robot.space.dimension + i for i, actuated in enumerate(sum(robot.actuation(), ())) if not actuated]
+    return [robot.space.dimension + i for i, actuated in enumerate(sum(actuation(robot), ())) if not actuated]
 
 
 def _motions(robot: Mechanism, matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -275,7 +276,7 @@ def _with_constraints_first(robot: Mechanism, matrix: jax.Array) -> jax.Array:
 
     The constraints' rows are made orthonormal one after the other; one that depends on those before binds nothing.
     """
-    legs = sum(map(len, robot.actuation()))
+    legs = sum(map(len, actuation(robot)))
     rows, bound = matrix[:legs], list(matrix[legs:])
     if not bound:
         return matrix
