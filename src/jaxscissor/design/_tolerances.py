@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jax.flatten_util import ravel_pytree
 
+from jaxscissor._engine.cpu.chunks import in_chunks
 from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.matrices import inverse, is_regular
 from jaxscissor._engine.numerics import Scalar, default_tol, safe_sqrt
@@ -281,8 +280,9 @@ def _sample(
     nominal, rebuild = ravel_pytree((copies_of(robot), actuated))
     spread, _ = ravel_pytree((deviations, joint_deviations))
 
-    def one(key: jax.Array):
-        copies, held = rebuild(nominal + spread * jax.random.normal(key, nominal.shape, nominal.dtype))
+    def one(number: jax.Array):
+        drawn = jax.random.normal(jax.random.fold_in(key, number), nominal.shape, nominal.dtype)
+        copies, held = rebuild(nominal + spread * drawn)
         crooked = PerLeg(copies)
         state, error, _ = assemble(crooked, held, start, tol, 50)
         same = assembly_sign(crooked, held, state) == sign
@@ -290,9 +290,6 @@ def _sample(
         status = jnp.where(legs_close(crooked, all_joints(robot, held, state)), status, Status.NO_SOLUTION)
         return robot.space.between((start.position, start.rotation), (state.position, state.rotation)), status
 
-    chunks = math.ceil(samples / _LANES)
-    keys = jax.random.split(key, (chunks, math.ceil(samples / chunks)))
-    drawn = lax.map(jax.vmap(one), keys)
-    errors, status = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:samples], drawn)
+    errors, status = in_chunks(jax.vmap(one), jnp.arange(samples), samples, _LANES)
     status = jnp.where(solution.converged, status, solution.status).astype(jnp.int32)
     return PoseErrorSamples(jnp.where((status == Status.CONVERGED)[:, None], errors, jnp.nan), status)

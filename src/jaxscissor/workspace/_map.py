@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 
-from jaxscissor._engine.cpu.chunks import lanes_together
+from jaxscissor._engine.cpu.chunks import in_chunks
 from jaxscissor._engine.map_reduce import Execution
 from jaxscissor._engine.programs import keyed
 from jaxscissor._engine.types import PyTree
@@ -49,17 +48,12 @@ def map(function: Function, robot: Mechanism, poses: PosesLike, *, execution: Ex
         raise ValueError("Got an execution with a mesh or a checkpoint; a map has no sum to share out or to save.")
     robot, sample = checked_sample(robot, poses)
     sample = each_pose(sample)
-    chunk = min(execution.chunk_size or lanes_together(), len(sample))
-    return _mapped(function, robot, sample, chunk=chunk)
+    return _mapped(function, robot, sample, most=execution.chunk_size)
 
 
 @keyed
-def _mapped(function: Function, robot: Mechanism, sample: AnySample, *, chunk: int) -> PyTree:
-    size = len(sample)
-
-    def part(start: jax.Array) -> PyTree:
-        indices = jnp.minimum(start + jnp.arange(chunk, dtype=jnp.uint32), jnp.uint32(size - 1))
+def _mapped(function: Function, robot: Mechanism, sample: AnySample, *, most: int | None) -> PyTree:
+    def part(indices: jax.Array) -> PyTree:
         return jax.vmap(function, (None, 0))(robot, sample.poses(indices))
 
-    found = lax.map(part, jnp.arange(0, size, chunk, dtype=jnp.uint32))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:size], found)
+    return in_chunks(part, jnp.arange(len(sample), dtype=jnp.uint32), len(sample), most)

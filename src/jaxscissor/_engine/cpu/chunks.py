@@ -47,7 +47,7 @@ def chunked(function: Callable[..., Any]) -> Callable[..., Any]:
             whole = [next(rest) if flag else leaf for leaf, flag in zip(leaves, flags, strict=True)]
             return jax.vmap(function, _axes(batched))(*jax.tree.unflatten(structure, whole))
 
-        out = _in_chunks(part, [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag], size)
+        out = in_chunks(part, [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag], size)
         return out, jax.tree.map(lambda _: True, out)
 
     return functools.wraps(function)(mapped)
@@ -57,11 +57,16 @@ def _axes(batched: Any) -> Any:
     return jax.tree.map(lambda flag: 0 if flag else None, tuple(batched))
 
 
-def _in_chunks(function: Callable[[Any], Any], lanes: PyTree, size: int) -> Any:
-    """Apply a function of lanes to equal chunks of whole registers, the last one filled up if need be."""
-    least = (
-        math.ceil(size / lanes_together()) if isinstance(size, int) else 1
-    )  # exported programs may leave the size open
+def in_chunks(function: Callable[[Any], Any], lanes: PyTree, size: int, most: int | None = None) -> Any:
+    """Apply a function of lanes to equal chunks of whole registers, the last one filled up if need be.
+
+    Args:
+      function: of lanes, which it has mapped.
+      lanes: arrays ``(size, ...)``.
+      size: their number; an exported program may leave it open.
+      most: lanes evaluated together, up to a register more. Default: as many as stay in the cache.
+    """
+    least = math.ceil(size / (most or lanes_together())) if isinstance(size, int) else 1
     if least <= 1:  # none at all included
         return function(lanes)
     count = next((k for k in range(least, 2 * least) if size % (k * _REGISTER) == 0), least)
