@@ -110,7 +110,7 @@ def calls_of(robot):
         found["distance along a direction"] = partial(js.singularities.distance, robot, pose, direction=along)
     if linear == 3:
         found["workspace.height_range"] = partial(js.workspace.height_range, robot)
-        found["height_amplification"] = partial(js.height_amplification, robot, robot, [float(home[2])])
+        found["height_amplification"] = partial(js.height_amplification, robot, robot, np.asarray(home)[2:3])
     if type(robot.legs()).solutions is not js.Leg.solutions:
         found["inverse_kinematics_all"] = partial(js.inverse_kinematics_all, robot, pose)
     if type(robot.legs()).connections is not js.Leg.connections:

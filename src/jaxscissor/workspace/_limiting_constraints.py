@@ -75,8 +75,8 @@ def limiting_constraints(
     sample = each_pose(sample)
     plan = planned(len(sample), execution)
     shape = jax.eval_shape(lambda: margins(robot, robot.home()[0])).shape
-    zero = jnp.zeros((), float_dtype(robot))
-    start = zero + jnp.zeros(shape), zero + jnp.zeros((*shape, robot.space.dimension)), zero
+    shapes, dtype = (shape, (*shape, robot.space.dimension), ()), float_dtype(robot)
+    start = tuple(jnp.zeros(shape, dtype) for shape in shapes)
     inputs = {"robot": robot, "sample": without_size(sample)}
     count, total, other = map_reduce(_count, None, plan, start, inputs)
     center = jnp.where(count[..., None] > 0, total / jnp.maximum(count, 1)[..., None], jnp.nan)

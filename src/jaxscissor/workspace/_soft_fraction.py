@@ -11,6 +11,7 @@ from jax import lax
 
 from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.map_reduce import Execution, differentiable_sum, map_reduce, planned
+from jaxscissor._engine.numerics import safe_sqrt
 from jaxscissor._engine.pytree import float_dtype, pytree
 from jaxscissor._engine.types import Number, PyTree
 from jaxscissor.regions._samples import AnySample, PosesLike, without_size
@@ -120,7 +121,7 @@ def soft_gradient(
 
     def error(total: PyTree, squares: jax.Array):
         variance = jnp.maximum(squares / n - (total / n) ** 2, 0)
-        return jnp.sqrt(variance / (n - 1)) if n > 1 else jnp.full_like(total, jnp.nan)
+        return safe_sqrt(variance / (n - 1)) if n > 1 else jnp.full_like(total, jnp.nan)
 
     return SoftGradient(value / n, jax.tree.map(lambda g: g / n, total), jax.tree.map(error, total, squares))
 
