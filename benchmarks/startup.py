@@ -37,27 +37,87 @@ def rows():
     pose, actuated = jnp.array([0.1, 0.0, 1.0, 0.0, 0.2, 0.0]), robot.actuated(joints) + 0.01
     cylinder = js.Cylinder(robot.length / 2, robot.length)
     poses = jnp.asarray(cylinder.quasi_random(100_000)[:])
+    way = jnp.linspace(home, pose, 20)
 
     return {
         "TripleScissorExtender.prototype() and home()": (lambda: tse().home(), None),
         "NavaroII.prototype() and home()": (lambda: navaro().home(), None),
-        "residual": (js.residual, (robot, joints, home)),
+        "residual": (_residual, (robot, home, joints)),
         "inverse_kinematics, one pose": (js.inverse_kinematics, (robot, pose)),
         "vmap(inverse_kinematics), 10^5 poses": (jax.vmap(js.inverse_kinematics, (None, 0)), (robot, poses)),
         "feasibility, one pose": (js.feasibility, (robot, pose)),
-        "workspace_fraction, 10^5 poses": (js.workspace.fraction, (robot, poses)),
+        "workspace.fraction, 10^5 poses": (js.workspace.fraction, (robot, poses)),
         "forward_kinematics": (js.forward_kinematics, (robot, actuated)),
         "jacfwd of forward_kinematics": (jax.jacfwd(_pose_of, 1), (robot, actuated)),
         "forward_kinematics_all": (js.forward_kinematics_all, (robot, actuated)),
-        "closure_jacobians": (js.closure_jacobians, (robot, joints, home)),
+        "closure_jacobians": (_closure_jacobians, (robot, home, joints)),
         "inverse_jacobian": (js.inverse_jacobian, (robot, pose)),
         "gear_ratios": (js.gear_ratios, (robot, pose)),
-        "soft fraction, value and gradient": (jax.value_and_grad(js.workspace.soft_fraction), (robot, poses)),
-        "exact fraction, value and gradient": (jax.value_and_grad(js.workspace.ray_fraction), (robot, cylinder)),
-        "singularity": (js.singularities.measures, (robot, pose)),
-        "clearance": (js.singularities.distance, (robot, pose)),
-        "optimize_design, one step": (lambda: _optimized(robot, poses), None),
+        "workspace.soft_fraction, value and gradient": (jax.value_and_grad(js.workspace.soft_fraction), (robot, poses)),
+        "workspace.ray_fraction, value and gradient": (jax.value_and_grad(js.workspace.ray_fraction), (robot, cylinder)),
+        "singularities.measures": (js.singularities.measures, (robot, pose)),
+        "singularities.distance": (js.singularities.distance, (robot, pose)),
+        "design.optimize, one step": (lambda: _optimized(robot, poses), None),
+        "statics.actuator_forces": (_forces, (robot, pose)),
+        "statics.stiffness": (_stiffness, (robot, pose)),
+        "statics.sag": (_sag, (robot, pose)),
+        "motion.jog, 20 steps": (js.motion.jog, (robot, pose, jnp.full((20, 6), 1e-3))),
+        "motion.follow, 20 poses": (js.motion.follow, (robot, way)),
+        "motion.track, 20 poses": (js.motion.track, (robot, jnp.linspace(robot.actuated(joints), actuated, 20))),
+        "calibration.identify, 20 poses": (lambda: _identified(robot, way), None),
     }
+
+
+def _residual(robot, pose, joints):
+    import jaxscissor as js
+
+    return js.residual(robot, pose, joints=joints)
+
+
+def _closure_jacobians(robot, pose, joints):
+    import jaxscissor as js
+
+    return js.closure_jacobians(robot, pose, joints=joints)
+
+
+def _load():
+    import jaxscissor as js
+
+    return js.statics.Load(payload=11.34, platform_mass=2.0)
+
+
+def _bars():
+    import jaxscissor as js
+
+    return js.statics.Section.rectangle(js.statics.Material.aluminum(), depth=0.038, width=0.006)
+
+
+def _forces(robot, pose):
+    import jaxscissor as js
+
+    return js.statics.actuator_forces(robot, pose, load=_load(), section=_bars())
+
+
+def _stiffness(robot, pose):
+    import jaxscissor as js
+
+    return js.statics.stiffness(robot, pose, actuator_stiffness=1e6, load=_load(), section=_bars())
+
+
+def _sag(robot, pose):
+    import jaxscissor as js
+
+    return js.statics.sag(robot, pose, actuator_stiffness=1e6, load=_load(), section=_bars())
+
+
+def _identified(robot, way):
+    """Zeros of the six slides, from poses that are one millimetre off."""
+    import jax
+
+    import jaxscissor as js
+
+    joints = jax.vmap(js.inverse_kinematics, (None, 0))(robot, way).value
+    return js.calibration.identify(robot, joints, way + 1e-3, offsets=1e-3, sigma=1e-4)
 
 
 def _pose_of(robot, joints):

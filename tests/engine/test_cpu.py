@@ -25,7 +25,8 @@ def test_fences_are_no_loops_on_other_platforms(prototype, batched):
     else:
         function, arguments = jax.jacfwd(js.forward_kinematics, 1), (prototype, joints)
     on_cpu, elsewhere = (loops(function, *arguments, platform=platform) for platform in ("cpu", "cuda"))
-    assert elsewhere <= 5 and on_cpu >= 3 * elsewhere
+    assert elsewhere <= 5
+    assert on_cpu > 2 * elsewhere, "there are fences, and they are counted"
 
 
 def test_one_switch_turns_it_off_and_changes_rounding_only():

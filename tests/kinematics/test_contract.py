@@ -72,16 +72,16 @@ def test_home_closes_and_is_found_again(robot):
 
 def test_shapes_are_those_documented(robot):
     pose, joints = robot.home()
-    d, n, m = robot.space.dimension, len(robot.home()[1]), len(robot.actuated(robot.home()[1]))
+    d, n, m = robot.space.dimension, len(joints), len(robot.actuated(joints))
     rows = js.residual(robot, pose, joints=joints).shape[0]
     assert pose.shape == (d,) and joints.shape == (n,)
-    a, b = js.closure_jacobians(robot, pose, joints=joints)
+    a, b = jax.eval_shape(lambda robot: js.closure_jacobians(robot, pose, joints=joints), robot)
     assert a.shape == (rows, d) and b.shape == (rows, n)
-    assert js.inverse_jacobian(robot, pose).shape == (m, d)
-    assert js.inverse_kinematics(robot, pose).value.shape == (n,)
-    assert js.forward_kinematics(robot, robot.actuated(joints)).value.shape == (d,)
-    assert js.feasibility(robot, pose).margin.shape == ()
-    assert js.gear_ratios(robot, pose).translation.shape == (robot.space.translations,)
+    assert jax.eval_shape(js.inverse_jacobian, robot, pose).shape == (m, d)
+    assert jax.eval_shape(js.inverse_kinematics, robot, pose).value.shape == (n,)
+    assert jax.eval_shape(js.forward_kinematics, robot, robot.actuated(joints)).value.shape == (d,)
+    assert jax.eval_shape(js.feasibility, robot, pose).margin.shape == ()
+    assert jax.eval_shape(js.gear_ratios, robot, pose).translation.shape == (robot.space.translations,)
 
 
 def test_inverse_of_forward_is_identity(robot, rng):

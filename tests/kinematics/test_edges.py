@@ -56,7 +56,11 @@ def test_every_function_has_one_verdict_at_an_edge(robot, rng):
         assert np.abs(edges).min(axis=1).max(initial=0) < ROUNDING
 
 
-def test_all_modes_have_the_home_mode_where_inverse_kinematics_has_it(robot, rng):
+@pytest.mark.parametrize(
+    "name", ["tri_scott_skewed", *exhaustive("tse_prototype", "micabo", "tri_scott", "tse_clockwise")]
+)
+def test_all_modes_have_the_home_mode_where_inverse_kinematics_has_it(name, rng):
+    robot = ALL[name]()
     poses = poses_at_edges(robot, 20_000, rng)
     solved = as_users(jax.vmap(js.inverse_kinematics, (None, 0)))(robot, poses)
     modes = as_users(jax.vmap(js.inverse_kinematics_all, (None, 0)))(robot, poses)

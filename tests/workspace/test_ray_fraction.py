@@ -126,6 +126,7 @@ def test_derivatives_agree_with_differences_of_a_batch_of_designs(name, rng):
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(gradients))
 
 
+@pytest.mark.exhaustive
 def test_the_prototype_reaches_the_same_part_whichever_way_the_rays_run(prototype):
     cylinder = js.Cylinder(prototype.length / 2, prototype.length)
     hard = float(js.workspace.fraction(prototype, cylinder.quasi_random(200_000, seed=1)))
