@@ -54,7 +54,10 @@ def rows():
         "inverse_jacobian": (js.inverse_jacobian, (robot, pose)),
         "gear_ratios": (js.gear_ratios, (robot, pose)),
         "workspace.soft_fraction, value and gradient": (jax.value_and_grad(js.workspace.soft_fraction), (robot, poses)),
-        "workspace.ray_fraction, value and gradient": (jax.value_and_grad(js.workspace.ray_fraction), (robot, cylinder)),
+        "workspace.ray_fraction, value and gradient": (
+            jax.value_and_grad(js.workspace.ray_fraction),
+            (robot, cylinder),
+        ),
         "singularities.measures": (js.singularities.measures, (robot, pose)),
         "singularities.distance": (js.singularities.distance, (robot, pose)),
         "design.optimize, one step": (lambda: _optimized(robot, poses), None),

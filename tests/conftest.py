@@ -15,13 +15,14 @@ import pytest
 from hypothesis import settings
 
 import jaxscissor as js
+from jaxscissor._engine.cpu.compile_options import UNOPTIMIZED
 from jaxscissor._engine.pytree import unchecked
 from tests.toys import LinearDelta, Planar3RPR, ThreePRS
 
 matplotlib.use("Agg")
 if "JAX_DISABLE_MOST_OPTIMIZATIONS" not in os.environ:  # see as_users
-    quick = " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
-    os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + quick
+    quick = (f"--{name}={str(value).lower()}" for name, value in UNOPTIMIZED.items())
+    os.environ["XLA_FLAGS"] = " ".join([os.environ.get("XLA_FLAGS", ""), *quick])
     jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_num_cpu_devices", 8)  # for tests that share out work; the others use the first
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64", "1") != "0")
@@ -41,7 +42,8 @@ def as_users(function, **options):
     compile as users do.
     """
     flags = {"xla_backend_optimization_level": 3, "xla_llvm_disable_expensive_passes": False}
-    return jax.jit(function, compiler_options=flags | {"xla_cpu_use_fusion_emitters": True}, **options)
+    flags |= {"xla_cpu_use_fusion_emitters": True, "xla_cpu_parallel_codegen_split_count": 32}
+    return jax.jit(function, compiler_options=flags | {"xla_disable_hlo_passes": ""}, **options)
 
 
 def exhaustive(*values):
@@ -67,13 +69,13 @@ ROBOTS = {
     "tse_clockwise": tse_clockwise,
     "navaro_mode_8": partial(js.NavaroII.prototype, 8),
     "tri_scott_skewed": tri_scott_skewed,
-    "stewart_gough": js.StewartGough.prototype,
     "three_prs": ThreePRS.example,
     "linear_delta": LinearDelta.example,
 }
 
 
 MORE = {  # by ``-m exhaustive``
+    "stewart_gough": js.StewartGough.prototype,
     **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (1, 3, 6)},
     "tri_scott": js.TriScott.prototype,
     "micabo": js.Micabo.prototype,

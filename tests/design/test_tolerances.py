@@ -115,7 +115,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", ["navaro", "hexapod", *exhaustive("tse", "tri_scott")])
+@pytest.mark.parametrize("name", ["navaro", *exhaustive("hexapod", "tse", "tri_scott")])
 def test_first_order_is_what_robots_drawn_at_random_do(name):
     make, aside, lengths, angles = CASES[name]
     robot = make()
@@ -166,16 +166,18 @@ def test_poses_that_are_not_reached_or_singular_are_nan_and_leak_nothing():
     robot = js.NavaroII.prototype(8)
     made = js.design.tolerances(robot, base=0.1)
     poses = jnp.array([[45.0, 26.0, 0.4], [45.0, 15 * np.sqrt(3), 0.0], [jnp.nan, 0.0, 0.0]])  # in order, loose, nan
-    errors = jax.vmap(lambda pose: js.design.pose_error(robot, pose, made))(poses)
-    assert np.isfinite(errors.translation).tolist() == [True, False, False]
-    assert np.isnan(jax.vmap(js.design.pose_sensitivity, (None, 0))(robot, poses).base[1:]).all()
+    assert np.isnan(jax.jit(jax.vmap(js.design.pose_sensitivity, (None, 0)))(robot, poses).base[1:]).all()
 
-    def total(robot):
-        error = jax.vmap(lambda pose: js.design.pose_error(robot, pose, made).translation)(poses)
-        return jnp.nansum(error)
+    def total(robot, poses):
+        errors = jax.vmap(lambda pose: js.design.pose_error(robot, pose, made).translation)(poses)
+        return jnp.nansum(errors), errors
 
-    alone = jax.grad(lambda robot: js.design.pose_error(robot, poses[0], made).translation)(robot)
-    for whole, part in zip(jax.tree.leaves(jax.grad(total)(robot)), jax.tree.leaves(alone), strict=True):
+    slope = jax.jit(jax.grad(total, has_aux=True))
+    found, errors = slope(robot, poses)
+    assert np.isfinite(errors).tolist() == [True, False, False]
+    alone, _ = slope(robot, jnp.stack([poses[0]] * 3))
+    for whole, three in zip(jax.tree.leaves(found), jax.tree.leaves(alone), strict=True):
+        part = three / 3
         assert close(whole, part, 1e-12)
 
 

@@ -38,6 +38,7 @@ def test_the_prototype_stands_as_high_as_its_stops_let_its_leaning_scissors():
     )
 
 
+@pytest.mark.exhaustive
 def test_a_hexapod_rises_until_its_legs_end():
     def known(robot):
         across2 = jnp.sum((robot.base - robot.platform)[:, :2] ** 2, axis=1)

@@ -1,10 +1,25 @@
 """Options with which a program compiles sooner.
 
 A function that is called with the numbers of one pose runs for microseconds and compiles for seconds. Measured with
-jaxlib 0.10.2, TSE, processor seconds to compile: inverse kinematics 1.65 without and 0.48 with ``UNOPTIMIZED``,
-forward kinematics 6.2 and 2.6, and as fast to run. ``QUICK`` takes two thirds of the time and is for programs that
+jaxlib 0.10.2, TSE, processor seconds to compile: inverse kinematics 1.65 without and 0.25 with ``UNOPTIMIZED``,
+forward kinematics 6.2 and 1.1, and as fast to run. ``QUICK`` takes two thirds of the time and is for programs that
 evaluate a robot many times. They can go when XLA's default compiles as fast.
 """
 
-QUICK = {"xla_cpu_use_fusion_emitters": False}
-UNOPTIMIZED = QUICK | {"xla_backend_optimization_level": 0}
+_SKIPPED = (  # passes that look through large programs and find nothing to gain in one pose: a fifth of the time
+    "while-loop-invariant-code-motion",
+    "simplify-while-loops",
+    "cpu-parallel-task-assigner",
+    "small-while-loop-hoisting",
+    "reshape-mover",
+    "tree_reduction_rewriter",
+    "shape-canonicalizer",
+    "dynamic-dimension-simplifier",
+    "while-loop-trip-count-annotator",
+)
+QUICK: dict[str, bool | int | str] = {"xla_cpu_use_fusion_emitters": False}
+UNOPTIMIZED = QUICK | {
+    "xla_backend_optimization_level": 0,
+    "xla_cpu_parallel_codegen_split_count": 1,
+    "xla_disable_hlo_passes": ",".join(_SKIPPED),
+}
