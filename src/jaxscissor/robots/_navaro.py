@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.numerics import Scalar, limit_margins, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, static, unchecked
@@ -83,7 +84,7 @@ class NavaroLeg(Leg):
     def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The scissor's bars, in the vertical plane through the leg, and the screw and the guide at its open ends."""
         bar = attachment - self.anchor
-        along = bar * safe_divide(1, safe_sqrt(bar.dot(bar)))
+        along = fence(bar * safe_divide(1, safe_sqrt(bar.dot(bar))))  # else every end would evaluate it anew
         low, high = self.stroke
         full = jnp.where(jnp.isfinite(high), safe_sqrt(low**2 + high**2), 2 * joints[1])
         scissor = _equal_scissor(full / self.crosses, self.crosses)
@@ -92,7 +93,7 @@ class NavaroLeg(Leg):
             foot = self.anchor + along * point[1]
             return Vec(foot.x, foot.y, point[0])
 
-        bars = scissor.bars(scissor.width(joints[1]))
+        bars = scissor.bars(fence(scissor.width(joints[1])))
         (first, last), (first_mirrored, last_mirrored) = (bars[0][0], bars[-1][1]), (bars[1][0], bars[-2][1])
         bars += [(first, first_mirrored), (last, last_mirrored)]
         return [(place(p), place(q)) for p, q in bars]

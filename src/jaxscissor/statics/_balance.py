@@ -189,7 +189,7 @@ def slope_of_weight(
         seen = jax.tree.unflatten(tree, tuple(values[:count]))
         return weight_potential(leg, tuple(values[count:]), seen, bodies, gravity)
 
-    slope = jax.jacfwd(potential)(jnp.stack([*numbers, *joints]))
+    slope = jax.grad(potential)(jnp.stack([*numbers, *joints]))
     return slope[:count] + slope[count:] @ motion
 
 

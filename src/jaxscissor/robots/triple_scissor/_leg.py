@@ -222,6 +222,7 @@ class ScissorLeg(Leg):
         up = attachment - middle
         across = base * -safe_divide(1, width)
         along = up * safe_divide(1, safe_sqrt(up.dot(up)))
+        middle, across, along = fence((middle, across, along))  # else every end would evaluate them anew
 
         def place(point: jax.Array):
             return middle + across * point[0] + along * point[1]
@@ -235,7 +236,7 @@ class ScissorLeg(Leg):
         bars = self.bars(joints, attachment)
         (foot_a, _), (foot_b, _) = bars[:2]
         normal = (foot_b - foot_a).cross(attachment - foot_a)
-        normal = normal * safe_divide(1, safe_sqrt(normal.dot(normal)))
+        normal = fence(normal * safe_divide(1, safe_sqrt(normal.dot(normal))))
         last = len(bars) - 2
         # half-bars below and above a crossing divide the bar
         upper = (self.length - self.base_link) / 2 * self.shares
