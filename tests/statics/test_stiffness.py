@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxscissor as js
+from jaxscissor.robots._contract import angular_joints
 from jaxscissor.statics import Load
 from tests.conftest import ALL, exhaustive
 from tests.statics.test_balance import poses_near_home, slanted
@@ -93,7 +94,9 @@ def test_a_sagging_platform_comes_to_rest_where_springs_and_load_balance(name, r
     """There the actuators hold the load by what they gave way; at first this is the compliance times the load."""
     robot = (ALL | {"navaro_mode_6": partial(js.NavaroII.prototype, 6)})[name]()
     pose, wrench = poses_near_home(robot, 1, rng)[0], jnp.asarray(20 * rng.normal(size=robot.space.dimension))
-    springs, load = 3000.0 * rng.uniform(1, 2, len(robot.actuated(robot.home()[1]))), slanted()
+    turning = np.asarray(robot.actuated(np.array(angular_joints(robot))))
+    lever = np.where(turning, float(robot.length), 1.0)  # softer ones let a tall scissor or a long crank collapse
+    springs, load = 3e4 * lever**2 * rng.uniform(1, 2, len(lever)), slanted()
 
     @jax.jit
     def all_of(pose, wrench, load, springs):
@@ -122,6 +125,8 @@ def test_a_sagging_platform_comes_to_rest_where_springs_and_load_balance(name, r
         np.testing.assert_allclose(rows @ stiff.compliance, 0, atol=1e-12)
         allowed = np.eye(6) - np.linalg.pinv(rows) @ rows
         np.testing.assert_allclose(stiff.compliance @ stiff.matrix @ allowed, allowed, atol=1e-9)
+    if name == "navaro_mode_6":  # its legs reach any pose: there is an equilibrium under any load
+        return
     heavy = all_of(pose, -1e6 * jnp.abs(wrench), load, springs)
     assert heavy.status != js.Status.CONVERGED and jnp.isnan(heavy.twist).all()
 
