@@ -27,12 +27,13 @@ def other_parabola(x):
 
 def calls_of(robot):
     """Name -> call; what a robot refuses, such as heights in the plane, is left out."""
-    home, joints = robot.home()
+    home, _ = robot.home()
     d, linear = robot.space.dimension, robot.space.translations
     unit = np.where(np.arange(d) < linear, float(robot.length), 1)
     pose = np.asarray(home) + unit / 64
     if robot.dependent:
         pose = np.asarray(js.constrained_pose(robot, pose).value)
+    joints = js.inverse_kinematics(robot, pose).value  # at home assembly modes are as near as each other
     actuated, along = np.asarray(robot.actuated(joints)), np.eye(d)[linear - 1]
     reach = unit / 8
     low, high = np.asarray(home) - reach, np.asarray(home) + reach

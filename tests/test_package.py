@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import inspect
 import pathlib
 import re
 import subprocess
@@ -54,6 +55,19 @@ def test_every_public_name_is_documented_and_has_an_example_where_it_computes():
     for function in (js.inverse_kinematics, js.forward_kinematics, js.feasibility, js.workspace.fraction):
         for section in ("Args:", "Returns:", "Raises:", "Example:"):
             assert section in function.__doc__
+
+
+def test_what_a_function_returns_and_a_docstring_names_can_be_had_by_that_name():
+    doors = {room: importlib.import_module(f"jaxscissor.{room}") for room in ROOMS}
+    for room, door in doors.items():
+        for function in filter(inspect.isfunction, map(door.__dict__.get, door.__all__)):
+            record = function.__globals__.get(function.__annotations__.get("return"))
+            if inspect.isclass(record) and record.__module__.startswith("jaxscissor"):
+                known = [*door.__all__, *js.__all__, "Scalar"]
+                assert record.__name__ in known, f"{room}.{function.__name__} gives a {record.__name__}"
+    for path in [*SOURCE.rglob("*.py"), ROOT / "README.md"]:
+        for room, name in re.findall(r"``?(?:js\.)?([a-z]+)\.([A-Za-z_]+)", path.read_text()):
+            assert room not in doors or hasattr(doors[room], name), f"{path.name} names {room}.{name}"
 
 
 def test_metadata_agrees_with_the_promises():

@@ -156,7 +156,7 @@ def _differentiable_sum_jvp(
 def _along(gradient: PyTree, tangent: PyTree) -> jax.Array:
     """Derivative along a tangent: one program, where every leaf would compile two."""
     products = jax.tree.leaves(jax.tree.map(lambda g, t: jnp.sum(g * t), gradient, tangent))
-    return sum(products[1:], products[0])
+    return jnp.sum(jnp.stack(products))
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2, 3))

@@ -5,20 +5,25 @@ angular velocity, all in the base frame. Actuator forces are positive along incr
 consistent ones: newtons, where lengths are meters and masses kilograms.
 """
 
-from jaxscissor.statics._actuator_forces import actuator_forces
-from jaxscissor.statics._bar_forces import bar_forces
-from jaxscissor.statics._capability import force_capability, velocity_capability
+from jaxscissor.statics._actuator_forces import ActuatorForces, actuator_forces
+from jaxscissor.statics._bar_forces import BarForces, bar_forces
+from jaxscissor.statics._capability import Capability, force_capability, velocity_capability
 from jaxscissor.statics._load import Load
 from jaxscissor.statics._mass import mass
 from jaxscissor.statics._materials import Material, Section
 from jaxscissor.statics._payload import payload
-from jaxscissor.statics._sag import sag
-from jaxscissor.statics._stiffness import stiffness
+from jaxscissor.statics._sag import Sag, sag
+from jaxscissor.statics._stiffness import Stiffness, stiffness
 
 __all__ = [
+    "ActuatorForces",
+    "BarForces",
+    "Capability",
     "Load",
     "Material",
+    "Sag",
     "Section",
+    "Stiffness",
     "actuator_forces",
     "bar_forces",
     "force_capability",

@@ -3,19 +3,23 @@
 from jaxscissor._engine.map_reduce import Execution
 from jaxscissor.regions import Dexterous, PosePath
 from jaxscissor.workspace._fraction import fraction
-from jaxscissor.workspace._joint_range import joint_range
-from jaxscissor.workspace._limiting_constraints import limiting_constraints
+from jaxscissor.workspace._joint_range import JointRange, joint_range
+from jaxscissor.workspace._limiting_constraints import LimitingConstraints, limiting_constraints
 from jaxscissor.workspace._map import map
 from jaxscissor.workspace._mean_over import mean_over
 from jaxscissor.workspace._ray_fraction import ray_fraction
 from jaxscissor.workspace._reach import height_range, reach_along
-from jaxscissor.workspace._soft_fraction import soft_fraction, soft_gradient
-from jaxscissor.workspace._worst_over import worst_over
+from jaxscissor.workspace._soft_fraction import SoftGradient, soft_fraction, soft_gradient
+from jaxscissor.workspace._worst_over import Worst, worst_over
 
 __all__ = [
     "Dexterous",
     "Execution",
+    "JointRange",
+    "LimitingConstraints",
     "PosePath",
+    "SoftGradient",
+    "Worst",
     "fraction",
     "height_range",
     "joint_range",
