@@ -42,7 +42,7 @@ def calls_of(robot):
     sample, key, made = box.quasi_random(100), jax.random.key(0), js.design.tolerances(robot)
     poses = np.asarray(sample[:])
     modes = js.forward_kinematics_all(robot, actuated, starts=64)
-    two, size = np.stack([np.asarray(home), pose]), float(robot.length)
+    two, size = np.stack([pose, pose + unit / 128]), float(robot.length)
     rows, near = np.tile(actuated, (4, 1)), np.asarray(home) + unit * 1e-3 * np.sin(np.arange(4.0))[:, None]
     angular = np.asarray(robot.actuated(np.array(angular_joints(robot))))
     lever, load = np.where(angular, size, 1.0), js.statics.Load(payload=1.0)

@@ -56,22 +56,22 @@ def _cast(call, dtype):
 
 
 def numbers(found):
-    """The floating arrays of a result that have a derivative: no padding, and no motions without sign or derivative."""
+    """The floating arrays of a result that have a derivative: no padding, no motions, no places of extremes."""
     if hasattr(found, "valid"):
         found = [
             jnp.where(found.valid[..., None], x, 0) for x in (found.values, getattr(found, "joints", found.values))
         ]
     if hasattr(found, "platform_motion"):
         found = found.type1, found.type2
+    if hasattr(found, "low_poses"):
+        found = found.low, found.high
     return [leaf for leaf in map(jnp.asarray, jax.tree.leaves(found)) if jnp.issubdtype(leaf.dtype, jnp.floating)]
 
 
 def total(function, robot):
-    """One number that depends on all finite numbers of the result."""
-    return (
-        sum(jnp.sum(jnp.sin(jnp.where(jnp.isfinite(leaf), leaf, 0))) for leaf in numbers(function(robot)))
-        + 0.0 * robot.length
-    )
+    """One number that depends on all finite numbers of the result, large ones by their logarithm."""
+    found = [jnp.where(jnp.isfinite(leaf), leaf, 0) for leaf in numbers(function(robot))]
+    return sum(jnp.sum(jnp.arcsinh(leaf)) for leaf in found) + 0.0 * robot.length
 
 
 def two_of(robot):
