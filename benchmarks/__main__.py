@@ -42,7 +42,7 @@ def contest(count, rounds):
         "C++, plain": (poses, lambda: plain(poses)),
         "C++, SIMD": (poses, lambda: simd(poses)),
         "this library, vmap": (poses, lambda: program(robot, on_device)),
-        "this library, workspace_fraction": (poses, lambda: fraction(robot, on_device)),
+        "this library, workspace.fraction": (poses, lambda: fraction(robot, on_device)),
         "NumPy, vectorised": (poses, lambda: peers.numpy_newton(poses)),
         "optimistix, vmap": (fewer, lambda: optimistix(fewer)),
         "SciPy fsolve": (few, lambda: peers.scipy_fsolve(few)),
@@ -51,13 +51,13 @@ def contest(count, rounds):
     rows = {}
     for name, (used, run) in runs.items():
         rows[name] = rate_row(len(used), *times[name])
-        if name == "this library, workspace_fraction":
+        if name == "this library, workspace.fraction":
             rows[name] |= {"success": float(run())}
         else:
             out = run()
             rows[name] |= quality_row(used, *(out if isinstance(out, tuple) else (out.value, out.converged)))
     rows["this library, vmap"] |= compiled
-    rows["this library, workspace_fraction"] |= compiled_fraction
+    rows["this library, workspace.fraction"] |= compiled_fraction
     return rows
 
 

@@ -174,9 +174,9 @@ def cma_es(judge, seed, seconds):
 
 def compare(name, seeds, small, seconds):
     problem = PROBLEMS[name].problem(*(SMALL if small else SIZE)[name])
-    judge, runs = Judge(problem), {"optimize_design": [], "differential evolution": [], "CMA-ES": []}
+    judge, runs = Judge(problem), {"design.optimize": [], "differential evolution": [], "CMA-ES": []}
     for seed in range(seeds):
-        runs["optimize_design"].append(descent(problem, judge, seed, 10 if small else STEPS[name], STARTS[name]))
+        runs["design.optimize"].append(descent(problem, judge, seed, 10 if small else STEPS[name], STARTS[name]))
         for rival, search in (("differential evolution", differential_evolution), ("CMA-ES", cma_es)):
             runs[rival].append(search(judge, seed, seconds))
         print(f"{name}, seed {seed}: " + ", ".join(f"{k} {v[-1].best[-1]:.6f}" for k, v in runs.items()), flush=True)

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 
 from benchmarks.report import RESULTS
 
@@ -38,6 +39,8 @@ def rows():
     cylinder = js.Cylinder(robot.length / 2, robot.length)
     poses = jnp.asarray(cylinder.quasi_random(100_000)[:])
     way = jnp.linspace(home, pose, 20)
+    bars = js.statics.Section.rectangle(js.statics.Material.aluminum(), depth=0.038, width=0.006)
+    carried = {"load": js.statics.Load(payload=11.34, platform_mass=2.0), "section": bars}
 
     return {
         "TripleScissorExtender.prototype() and home()": (lambda: tse().home(), None),
@@ -61,9 +64,9 @@ def rows():
         "singularities.measures": (js.singularities.measures, (robot, pose)),
         "singularities.distance": (js.singularities.distance, (robot, pose)),
         "design.optimize, one step": (lambda: _optimized(robot, poses), None),
-        "statics.actuator_forces": (_forces, (robot, pose)),
-        "statics.stiffness": (_stiffness, (robot, pose)),
-        "statics.sag": (_sag, (robot, pose)),
+        "statics.actuator_forces": (partial(js.statics.actuator_forces, **carried), (robot, pose)),
+        "statics.stiffness": (partial(js.statics.stiffness, actuator_stiffness=1e6, **carried), (robot, pose)),
+        "statics.sag": (partial(js.statics.sag, actuator_stiffness=1e6, **carried), (robot, pose)),
         "motion.jog, 20 steps": (js.motion.jog, (robot, pose, jnp.full((20, 6), 1e-3))),
         "motion.follow, 20 poses": (js.motion.follow, (robot, way)),
         "motion.track, 20 poses": (js.motion.track, (robot, jnp.linspace(robot.actuated(joints), actuated, 20))),
@@ -81,36 +84,6 @@ def _closure_jacobians(robot, pose, joints):
     import jaxscissor as js
 
     return js.closure_jacobians(robot, pose, joints=joints)
-
-
-def _load():
-    import jaxscissor as js
-
-    return js.statics.Load(payload=11.34, platform_mass=2.0)
-
-
-def _bars():
-    import jaxscissor as js
-
-    return js.statics.Section.rectangle(js.statics.Material.aluminum(), depth=0.038, width=0.006)
-
-
-def _forces(robot, pose):
-    import jaxscissor as js
-
-    return js.statics.actuator_forces(robot, pose, load=_load(), section=_bars())
-
-
-def _stiffness(robot, pose):
-    import jaxscissor as js
-
-    return js.statics.stiffness(robot, pose, actuator_stiffness=1e6, load=_load(), section=_bars())
-
-
-def _sag(robot, pose):
-    import jaxscissor as js
-
-    return js.statics.sag(robot, pose, actuator_stiffness=1e6, load=_load(), section=_bars())
 
 
 def _identified(robot, way):

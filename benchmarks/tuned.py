@@ -44,14 +44,14 @@ def contest(mesh):
         "C++, plain": lambda: plain(poses),
         "C++, SIMD": lambda: simd(poses),
         "this library, vmap": lambda: program(robot, shared),
-        "this library, workspace_fraction": fraction,
+        "this library, workspace.fraction": fraction,
     }
     rows = {name: rate_row(COUNT, *times) for name, times in interleaved(runs, ROUNDS).items()}
     for name in ("C++, plain", "C++, SIMD"):
         rows[name] |= quality_row(poses, *runs[name]())
     found = program(robot, shared)
     rows["this library, vmap"] |= quality_row(poses, found.value, found.converged) | compiled
-    rows["this library, workspace_fraction"] |= {"success": float(fraction())}
+    rows["this library, workspace.fraction"] |= {"success": float(fraction())}
     return rows
 
 

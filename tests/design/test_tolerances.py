@@ -177,8 +177,7 @@ def test_poses_that_are_not_reached_or_singular_are_nan_and_leak_nothing():
     assert np.isfinite(errors).tolist() == [True, False, False]
     alone, _ = slope(robot, jnp.stack([poses[0]] * 3))
     for whole, three in zip(jax.tree.leaves(found), jax.tree.leaves(alone), strict=True):
-        part = three / 3
-        assert close(whole, part, 1e-12)
+        assert close(whole, three / 3, 1e-12)
 
 
 def test_unreached_poses_and_wild_tolerances_are_statuses(prototype):

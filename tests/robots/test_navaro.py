@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
+from jaxscissor.robots._contract import actuated_mask
 from tests.conftest import exhaustive
 
 ROOT3 = np.sqrt(3)
@@ -308,3 +309,10 @@ def test_a_leg_without_length_is_a_fold_on_which_all_functions_agree(mode):
     assert float(js.margins(robot, pose)[0, 0]) == 0
     assert np.isnan(js.inverse_jacobian(robot, pose)).all()  # there is none
     assert float(js.singularities.measures(robot, pose).type1[0]) == 0
+
+
+def test_robots_of_one_class_that_differ_in_structure_have_joints_of_their_own():
+    """Asked in turn: what was found for one mode must not be given for another."""
+    for mode in (1, 8, 1, 6, 8):
+        robot = js.NavaroII.prototype(mode)
+        assert actuated_mask(robot) == sum(robot.actuation(), ())

@@ -1,9 +1,9 @@
 """Options with which a program compiles sooner.
 
 A function that is called with the numbers of one pose runs for microseconds and compiles for seconds. Measured with
-jaxlib 0.10.2, TSE, processor seconds to compile: inverse kinematics 1.65 without and 0.25 with ``UNOPTIMIZED``,
-forward kinematics 6.2 and 1.1, and as fast to run. ``QUICK`` takes two thirds of the time and is for programs that
-evaluate a robot many times. They can go when XLA's default compiles as fast.
+jaxlib 0.10.2, TSE, processor seconds to compile: inverse kinematics 1.06 without and 0.28 with ``UNOPTIMIZED``,
+forward kinematics 3.6 and 0.96, and as fast to run. ``QUICK`` takes more than half of the time, 0.58 and 2.0, and is
+for programs that evaluate a robot many times. They can go when XLA's default compiles as fast.
 """
 
 _SKIPPED = (  # passes that look through large programs and find nothing to gain in one pose: a fifth of the time
