@@ -81,8 +81,6 @@ def calls_of(robot):
         "design.pose_error": partial(js.design.pose_error, robot, pose, made),
         "design.sample_pose_errors": partial(js.design.sample_pose_errors, robot, pose, made, key, 8),
         "statics.actuator_forces": partial(js.statics.actuator_forces, robot, pose, load=load),
-        "statics.force_capability": partial(js.statics.force_capability, robot, pose, force_limit=100 * lever),
-        "statics.velocity_capability": partial(js.statics.velocity_capability, robot, pose, speed_limit=size / lever),
         "statics.payload": partial(js.statics.payload, robot, pose, force_limit=100 * lever),
         "statics.stiffness": partial(js.statics.stiffness, robot, pose, **springs),
         "statics.sag": partial(js.statics.sag, robot, pose, **springs),
@@ -107,6 +105,9 @@ def calls_of(robot):
         ),
     }
     if not robot.dependent:
+        force, speed = 100 * lever, size / lever
+        found["statics.force_capability"] = partial(js.statics.force_capability, robot, pose, force_limit=force)
+        found["statics.velocity_capability"] = partial(js.statics.velocity_capability, robot, pose, speed_limit=speed)
         found["singularities.distance"] = partial(js.singularities.distance, robot, pose, directions=64, steps=4)
         found["distance along a direction"] = partial(js.singularities.distance, robot, pose, direction=along)
     if linear == 3:
