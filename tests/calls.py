@@ -93,7 +93,6 @@ def calls_of(robot):
         "calibration.identify": partial(js.calibration.identify, robot, rows, near, **known),
         "calibration.identifiability": partial(js.calibration.identifiability, robot, rows, **known),
         "calibration.next_poses": partial(js.calibration.next_poses, robot, poses[:8], count=2, **known),
-        "calibration.heights": partial(js.calibration.heights, robot, pose),
         "per_leg": lambda: js.per_leg(robot).home(),
         "singularities.surface": partial(js.singularities.surface, robot, cube, (2, 2, 2)),
         "design.optimize": partial(js.design.optimize, parabola, 0.5, bounds=(0.0, 1.0), steps=3, starts=2),
@@ -110,7 +109,8 @@ def calls_of(robot):
         found["statics.velocity_capability"] = partial(js.statics.velocity_capability, robot, pose, speed_limit=speed)
         found["singularities.distance"] = partial(js.singularities.distance, robot, pose, directions=64, steps=4)
         found["distance along a direction"] = partial(js.singularities.distance, robot, pose, direction=along)
-    if linear == 3:
+    if "z" in robot.space.names:
+        found["calibration.heights"] = partial(js.calibration.heights, robot, pose)
         found["workspace.height_range"] = partial(js.workspace.height_range, robot)
         found["height_amplification"] = partial(js.height_amplification, robot, robot, np.asarray(home)[2:3])
     if type(robot.legs()).solutions is not js.Leg.solutions:

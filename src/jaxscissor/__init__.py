@@ -2,7 +2,7 @@
 
 import importlib.metadata as _metadata
 
-from jaxscissor import calibration, design, export, motion, navaro, plot, singularities, statics, workspace
+from jaxscissor import calibration, design, export, motion, navaro, plot, robots, singularities, statics, workspace
 from jaxscissor._engine.numerics import limit_margins, safe_sqrt
 from jaxscissor._engine.pytree import pytree, quantity, static
 from jaxscissor._engine.vectors import Rotation, Vec
@@ -39,7 +39,9 @@ from jaxscissor.robots import (
     StewartGough,
     TripleScissorExtender,
     TriScott,
+    frame,
     per_leg,
+    pose,
 )
 
 __version__ = _metadata.version("jaxscissor")
@@ -74,6 +76,7 @@ __all__ = [
     "feasibility",
     "forward_kinematics",
     "forward_kinematics_all",
+    "frame",
     "gear_ratios",
     "height_amplification",
     "inverse_jacobian",
@@ -85,9 +88,11 @@ __all__ = [
     "navaro",
     "per_leg",
     "plot",
+    "pose",
     "pytree",
     "quantity",
     "residual",
+    "robots",
     "safe_sqrt",
     "singularities",
     "static",

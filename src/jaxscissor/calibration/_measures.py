@@ -12,7 +12,8 @@ from jaxscissor._engine.pytree import as_arrays, pytree, quantity
 from jaxscissor._engine.types import PoseLike, PyTree
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._contract import Attachment, Mechanism
-from jaxscissor.robots._spaces import R3, SE2, SE3
+from jaxscissor.robots._spaces import SE2, SE3
+from jaxscissor.robots._subspaces import R3
 
 Measure = Callable[[Any, jax.Array], jax.Array]  # (robot, pose) -> the numbers that are measured, () or (k,)
 Parts = tuple[
@@ -85,7 +86,9 @@ def heights(robot: Mechanism, pose: PoseLike) -> jax.Array:
       >>> round(float(js.calibration.heights(robot, robot.home()[0])[0]), 3)
       1.29
     """
-    return jnp.asarray(pose)[2:3]
+    if "z" not in robot.space.names:
+        raise ValueError(f"Got a {type(robot).__name__} with pose ({', '.join(robot.space.names)}); it has no height.")
+    return jnp.asarray(pose)[jnp.array([robot.space.names.index("z")])]
 
 
 def pose_of(robot: Mechanism, pose: jax.Array) -> jax.Array:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxscissor._engine.programs import run_once
 from jaxscissor._engine.pytree import is_concrete
 from jaxscissor._engine.types import JointsLike, PoseLike, PyTree
-from jaxscissor._engine.vectors import Vec
+from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.kinematics._configuration import configuration
 from jaxscissor.kinematics._legs import place
 from jaxscissor.robots._bodies import Connection
@@ -37,6 +37,7 @@ class Posed(NamedTuple):
     joints: np.ndarray
     position: np.ndarray
     rotation: np.ndarray
+    axes: np.ndarray  # (d, 3), along or about which the platform moves with each coordinate of the pose
     length: float
     legs: list[PosedLeg]
 
@@ -53,7 +54,7 @@ def posed(robot: Mechanism, pose: PoseLike | None, joints: JointsLike | None, se
         raise ValueError("Got a robot that is being traced. A file holds numbers: write it outside jit, vmap and grad.")
     robot, pose, joints = configuration(robot, pose, joints)
     section = jax.tree.map(lambda leaf: jnp.asarray(leaf, pose.dtype), section)
-    position, rotation, length, legs = jax.tree.map(np.asarray, _described(robot, pose, joints, section))
+    (position, rotation), rates, length, legs = jax.tree.map(np.asarray, _described(robot, pose, joints, section))
     legs = [PosedLeg(_segments(bars), _segments(rails), *rest) for bars, rails, *rest in legs]
     if not all(leg.connections for leg in legs):
         raise ValueError(
@@ -63,7 +64,21 @@ def posed(robot: Mechanism, pose: PoseLike | None, joints: JointsLike | None, se
     frame = np.eye(3)
     for i, column in enumerate(rotation.columns):
         frame[:, i] = in_space(column)
-    return Posed(np.asarray(pose), np.asarray(joints), in_space(position), frame, float(length), legs)
+    axes = _axes(robot.space.translations, frame, *rates)
+    return Posed(np.asarray(pose), np.asarray(joints), in_space(position), frame, axes, float(length), legs)
+
+
+def _axes(translations: int, frame: np.ndarray, velocity: Vec, turning: Rotation) -> np.ndarray:
+    """Unit axes of the pose's coordinates, from the derivatives of position and rotation by each of them."""
+    axes = np.zeros((len(velocity.x), 3))
+    for i in range(len(axes)):
+        shift, turned = jax.tree.map(lambda leaf, i=i: leaf[i], (velocity, turning))
+        spin = np.zeros((3, 3))
+        for k, column in enumerate(turned.columns):
+            spin[:, k] = in_space(column)
+        spin = spin @ frame.T  # dR R^T, skew
+        axes[i] = in_space(shift) if i < translations else [spin[2, 1], spin[0, 2], spin[1, 0]]
+    return axes
 
 
 def in_space(vector: Vec) -> np.ndarray:
@@ -85,4 +100,5 @@ def _described(robot: Mechanism, pose: jax.Array, joints: jax.Array, section: Se
         return list(leg.bars(q, seen)), list(leg.rails(q, seen)), weighed, list(leg.connections(q, seen))
 
     legs = over_legs(of_leg, placed.legs, joints_by_leg(robot, joints), placed.attachments, weights)
-    return placed.position, placed.rotation, robot.length, list(one_by_one(*legs))
+    rates = jax.jacfwd(robot.space.place)(pose)
+    return (placed.position, placed.rotation), rates, robot.length, list(one_by_one(*legs))

@@ -110,16 +110,14 @@ def tree_of(robot: Mechanism, state: Posed, *, loose_platform: bool) -> Tree:
 
 def _platform_link(robot: Mechanism, state: Posed, free: bool) -> _Link:
     """The platform on the base, with its pose's coordinates as joints where there are fewer than six."""
-    axes = np.eye(3)
     if free:
-        joints = [Joint(TOP, "free", axes[2], 0.0)]
+        joints = [Joint(TOP, "free", np.eye(3)[2], 0.0)]
     else:
         linear = robot.space.translations
         kinds = ["slide"] * linear + ["turn"] * (robot.space.dimension - linear)
-        turning = [*axes[:linear], axes[2]]
         joints = [
             Joint(f"{TOP}_{name}", kind, axis, float(value))  # type: ignore[arg-type]
-            for name, kind, axis, value in zip(robot.space.names, kinds, turning, state.pose, strict=False)
+            for name, kind, axis, value in zip(robot.space.names, kinds, state.axes, state.pose, strict=True)
         ]
     return _Link(TOP, WORLD, TOP, state.position, tuple(joints))
 

@@ -28,6 +28,7 @@ from jaxscissor.robots._contract import (
     seen_by_legs,
 )
 from jaxscissor.robots._over_legs import one_by_one
+from jaxscissor.robots._spaces import position_size
 from jaxscissor.robots._upright import normal_of
 
 
@@ -209,8 +210,8 @@ def _anywhere(robot: Mechanism, count: int, seed: Scalar) -> jax.Array:
     home, _ = robot.home()
     d, linear = robot.space.dimension, robot.space.translations
     unit = jax.random.uniform(jax.random.key(seed), (count, d), home.dtype, -1, 1)
-    if d == 6:  # pitch spreads like the sine, so that no axis is preferred
-        unit = unit.at[:, 4].set(jnp.arcsin(unit[:, 4]) / jnp.pi)
+    if d - linear == 3:  # pitch spreads like the sine, so that no axis is preferred
+        unit = unit.at[:, -2].set(jnp.arcsin(unit[:, -2]) / jnp.pi)
     shifts = jnp.arange(d) < linear
     scale = jnp.where(shifts, robot.length, jnp.asarray(jnp.pi, home.dtype))
     return jnp.where(shifts, home, 0)[None] + unit * scale[None]
@@ -239,7 +240,7 @@ def within_limits(robot: Mechanism, modes: AssemblyModes) -> jax.Array:
     """
     robot, values, joints = as_floats(robot, modes.values, modes.joints)
     home = robot.space.place(robot.home()[0])
-    spatial = robot.space.translations == 3
+    spatial = position_size(robot.space) == 3
 
     def sensible(pose: jax.Array, joints: jax.Array):
         position, rotation = robot.space.place(pose)

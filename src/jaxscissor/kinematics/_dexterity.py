@@ -27,9 +27,9 @@ class GearRatios:
     """Platform motion per motion of the actuators, of which one that turns moves by the robot's length per radian.
 
     Attributes:
-      translation: ``(3,)`` or ``(2,)``, ascending, dimensionless.
-      rotation: ``(3,)``, ``(1,)`` or ``(0,)``, ascending, radians per unit of length.
-      vertical: along z, of robots that move in three dimensions; otherwise ``None``.
+      translation: as many as the pose has lengths, ascending, dimensionless.
+      rotation: as many as it has angles, ascending, radians per unit of length.
+      vertical: along z; ``None`` of robots whose pose has no z.
     """
 
     translation: jax.Array
@@ -79,7 +79,7 @@ def gear_ratios(robot: Mechanism, pose: PoseLike) -> GearRatios:
             return jnp.zeros(0, block.dtype)
         return jnp.where(usable, 1 / singular_values(block), jnp.nan)
 
-    vertical = _vertical(usable, matrix) if linear == 3 else None
+    vertical = _vertical(robot, usable, matrix) if "z" in robot.space.names else None
     return GearRatios(ratios(matrix[:, :linear]), ratios(matrix[:, linear:]), vertical)
 
 
@@ -96,7 +96,10 @@ def _bound_ratios(robot: Mechanism, usable: Scalar, matrix: jax.Array, bound: ja
         filled = jnp.pad(block.T, [(0, max(len(block) - block.shape[1], 0)), (0, 0)])
         return jnp.where(usable, singular_values(filled)[::-1], jnp.nan)
 
-    rise = jnp.where(usable, safe_sqrt(jnp.sum(per_joint[2] ** 2)), jnp.nan) if linear == 3 else None
+    rise = None
+    if "z" in robot.space.names:
+        rates = per_joint[robot.space.names.index("z")]
+        rise = jnp.where(usable, safe_sqrt(jnp.sum(rates**2)), jnp.nan)
     return GearRatios(sizes(per_joint[:linear]), sizes(per_joint[linear:]), rise)
 
 
@@ -107,9 +110,10 @@ def _lengths_by_twist(robot: Mechanism, pose: jax.Array) -> tuple[Scalar, jax.Ar
     return usable, matrix * jnp.where(jnp.array(turns), robot.length, 1)[:, None]
 
 
-def _vertical(usable: Scalar, matrix: jax.Array) -> jax.Array:
+def _vertical(robot: Mechanism, usable: Scalar, matrix: jax.Array) -> jax.Array:
     """Reciprocal norm of the column that belongs to z."""
-    return jnp.where(usable, safe_divide(1, safe_sqrt(jnp.sum(matrix[:, 2] ** 2))), jnp.nan)
+    column = matrix[:, robot.space.names.index("z")]
+    return jnp.where(usable, safe_divide(1, safe_sqrt(jnp.sum(column**2))), jnp.nan)
 
 
 @one_pose()
@@ -141,6 +145,7 @@ def height_amplification(robot: Mechanism, reference: Mechanism, heights: Number
 
     def ratio(height: Scalar):
         pose = jnp.zeros(robot.space.dimension, height.dtype).at[2].set(height)
-        return _vertical(*_lengths_by_twist(robot, pose)) / _vertical(*_lengths_by_twist(reference, pose))
+        here, there = (_vertical(one, *_lengths_by_twist(one, pose)) for one in (robot, reference))
+        return here / there
 
     return jax.vmap(ratio)(heights.ravel()).reshape(heights.shape)

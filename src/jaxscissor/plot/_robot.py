@@ -18,6 +18,7 @@ from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import finish, new_axes
 from jaxscissor.robots._contract import Mechanism, joints_by_leg
 from jaxscissor.robots._over_legs import one_by_one
+from jaxscissor.robots._spaces import position_size
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -61,9 +62,9 @@ def robot(
     """
     robot, pose, joints = configuration(robot, pose, joints)
     drawing = jax.tree.map(np.asarray, _drawing(robot, pose, joints))
-    ax = new_axes(ax, spatial=robot.space.translations == 3)
+    ax = new_axes(ax, spatial=position_size(robot.space) == 3)
     size = 3 if ax.name == "3d" else 2
-    if size < robot.space.translations:
+    if size < position_size(robot.space):
         raise ValueError('Got flat axes for a spatial robot; expected axes of add_subplot(projection="3d").')
     for number, (rails, bars) in enumerate(zip(drawing.rails, drawing.bars, strict=True)):
         color = LEG_COLORS[number % len(LEG_COLORS)]
@@ -119,7 +120,7 @@ def animate(
     poses, given = jnp.asarray(poses), None if joints is None else jnp.asarray(joints)
     if poses.ndim != 2 or not len(poses) or (given is not None and len(given) != len(poses)):
         raise ValueError(f"Got poses of shape {poses.shape}; expected (n, d), at least one, and as many joints if any.")
-    ax = new_axes(ax, spatial=robot.space.translations == 3)
+    ax = new_axes(ax, spatial=position_size(robot.space) == 3)
     names = "xyz" if ax.name == "3d" else "xy"
 
     def draw(number: int):
@@ -156,13 +157,13 @@ def _drawing(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> _Drawing:
 
     def arrays(segments: jax.Array):
         ends = [jnp.stack([end.array() for end in segment]) for segment in segments]
-        return jnp.stack(ends) if ends else jnp.zeros((0, 2, robot.space.translations), pose.dtype)
+        return jnp.stack(ends) if ends else jnp.zeros((0, 2, position_size(robot.space)), pose.dtype)
 
     points = [point.array() for point in (_point(seen) for _, _, seen in legs) if point is not None]
     return _Drawing(
         [arrays(leg.rails(q, attachment)) for leg, q, attachment in legs],
         [arrays(leg.bars(q, attachment)) for leg, q, attachment in legs],
-        jnp.stack(points) if points else jnp.zeros((0, robot.space.translations), pose.dtype),
+        jnp.stack(points) if points else jnp.zeros((0, position_size(robot.space)), pose.dtype),
     )
 
 

@@ -15,6 +15,7 @@ from jaxscissor.plot._singularities import singularity_map as singularity_map
 from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import finish, label_slice, margins_of, new_axes, slice_of
 from jaxscissor.robots._contract import Mechanism
+from jaxscissor.robots._spaces import position_size
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,12 +35,15 @@ def workspace(robot: Mechanism, poses: Numbers, *, ax: Axes | None = None, unit:
       The axes. Dots are shaded by height.
     """
     poses = jnp.asarray(poses)
-    linear = robot.space.translations
     reached = poses[np.asarray(margins_of(robot, poses)) >= 0]
-    points = np.asarray(jax.vmap(lambda pose: constrained_pose(robot, pose).value)(reached)[:, :linear])
-    ax = new_axes(ax, spatial=linear == 3)
+
+    def point(pose: jax.Array):
+        return robot.space.place(constrained_pose(robot, pose).value)[0].array()
+
+    points = np.asarray(jax.vmap(point)(reached))
+    ax = new_axes(ax, spatial=position_size(robot.space) == 3)
     ax.scatter(*points.T, s=size, c=points[:, -1], cmap="viridis", linewidths=0, rasterized=True)
-    finish(ax, robot.space.names[:linear], unit)
+    finish(ax, "xyz"[: points.shape[1]], unit)
     return ax
 
 

@@ -99,13 +99,13 @@ class _NoSpace:
     """Stands where a robot's space is missing."""
 
     def __get__(self, robot: Mechanism, cls: type) -> Any:
-        raise ValueError(f"{cls.__name__} has no space; set space = SE3, SE2 or R3 in its class.")
+        raise ValueError(f"{cls.__name__} has no space; set space = SE3, SE2, R3 or another of robots in its class.")
 
 
 class Mechanism:
     """A parallel robot. Subclasses are pytrees whose leaves are the design."""
 
-    space: ClassVar[type[Space]] = _NoSpace()  # pyright: ignore[reportAssignmentType]
+    space: ClassVar[Space] = _NoSpace()  # pyright: ignore[reportAssignmentType]
     dependent: ClassVar[tuple[str, ...]] = ()
     """Names of the pose coordinates that the constraints determine from the others (parasitic motion)."""
     joint_order: ClassVar[tuple[int, ...] | None] = None

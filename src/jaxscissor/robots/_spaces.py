@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -16,37 +16,42 @@ from jaxscissor._engine.vectors import Rotation, Vec
 class Space(Protocol):
     """A space of platform poses; twists are (velocity of the reference point, angular velocity) in the base frame."""
 
-    dimension: ClassVar[int]
-    names: ClassVar[tuple[str, ...]]
-    translations: ClassVar[int]
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of a pose."""
+        ...
 
-    @staticmethod
-    def place(pose: jax.Array) -> tuple[Vec, Rotation]:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates, translations first."""
+        ...
+
+    @property
+    def translations(self) -> int:
+        """How many of them are lengths."""
+        ...
+
+    def place(self, pose: jax.Array) -> tuple[Vec, Rotation]:
         """Position and rotation of a pose, the only place where its sines and cosines are taken."""
         ...
 
-    @staticmethod
-    def coordinates(position: Vec, rotation: Rotation) -> tuple[Scalar, ...]:
+    def coordinates(self, position: Vec, rotation: Rotation) -> tuple[Scalar, ...]:
         """Pose coordinates of a position and rotation."""
         ...
 
-    @staticmethod
-    def retract(position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
+    def retract(self, position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
         """Step along a twist: translate, and rotate by the group's exponential from the left."""
         ...
 
-    @staticmethod
-    def nudge(position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
+    def nudge(self, position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
         """``retract`` to first order, with the same derivative at rest and far fewer operations."""
         ...
 
-    @staticmethod
-    def between(start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
+    def between(self, start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
         """The twist along which ``retract`` carries one position and rotation to another."""
         ...
 
-    @staticmethod
-    def rates_to_twist(pose: jax.Array) -> jax.Array:
+    def rates_to_twist(self, pose: jax.Array) -> jax.Array:
         """Matrix from the rates of the pose coordinates to the twist."""
         ...
 
@@ -167,43 +172,10 @@ class SE2:
         return jnp.eye(3, dtype=pose.dtype)
 
 
-class R3:
-    """Positions (x, y, z) of a platform that does not turn."""
-
-    dimension: ClassVar[int] = 3
-    names: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    translations: ClassVar[int] = 3
-
-    @staticmethod
-    def place(pose: jax.Array) -> tuple[Vec, Rotation]:
-        """Position of a pose ``(3,)`` and the identity."""
-        rotation: Any = Rotation(Vec(1.0, 0.0, 0.0), Vec(0.0, 1.0, 0.0), Vec(0.0, 0.0, 1.0))
-        return Vec(pose[0], pose[1], pose[2]), rotation
-
-    @staticmethod
-    def coordinates(position: Vec, rotation: Rotation) -> tuple[Scalar, ...]:
-        """The position itself."""
-        return position.components
-
-    @staticmethod
-    def retract(position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
-        """Step along a velocity."""
-        return position + Vec(*twist), rotation
-
-    @staticmethod
-    def nudge(position: Vec, rotation: Rotation, twist: Sequence[Scalar]) -> tuple[Vec, Rotation]:
-        """``retract`` to first order, with the same derivative at rest and far fewer operations."""
-        return position + Vec(*twist), rotation
-
-    @staticmethod
-    def between(start: tuple[Vec, Rotation], end: tuple[Vec, Rotation]) -> jax.Array:
-        """The way ``(3,)`` from one position to another."""
-        return jnp.stack((end[0] - start[0]).components)
-
-    @staticmethod
-    def rates_to_twist(pose: jax.Array) -> jax.Array:
-        """Identity."""
-        return jnp.eye(3, dtype=pose.dtype)
+def position_size(space: Space) -> int:
+    """Number of coordinates of a position, free or not: two in the plane, three in space."""
+    pose = jax.ShapeDtypeStruct((space.dimension,), jnp.zeros(()).dtype)
+    return len(jax.eval_shape(space.place, pose)[0].components)
 
 
 def fit_triangle(corners: Sequence[Vec], points: Sequence[Vec]) -> tuple[Vec, Rotation]:
