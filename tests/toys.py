@@ -85,6 +85,10 @@ class PRSLeg(js.Leg):
         across2 = attachment.dot(attachment) - along**2
         return (along + jnp.sqrt(jnp.maximum(self.rod**2 - across2, 1e-4 * self.rod**2)),), None
 
+    def constraints(self, attachment):
+        across = js.Vec(-self.slide.y, self.slide.x, 0.0)
+        return (attachment.dot(across) / self.rod,)
+
     def margins(self, joints, attachment):
         return (joints[0] / self.rod, (2 * self.rod - joints[0]) / self.rod)
 
@@ -120,11 +124,6 @@ class ThreePRS(js.Mechanism):
     def attachments(self, position, rotation):
         corners = [js.Vec(math.cos(a), math.sin(a), 0.0) * self.top_radius for a in AZIMUTHS]
         return [position + rotation @ corner for corner in corners]
-
-    def constraints(self, position, rotation):
-        points = self.attachments(position, rotation)
-        normals = [js.Vec(-math.sin(a), math.cos(a), 0.0) for a in AZIMUTHS]
-        return [point.dot(normal) / self.rod for point, normal in zip(points, normals, strict=True)]
 
     def home(self):
         height = 0.8 * self.rod

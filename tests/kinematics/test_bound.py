@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from jaxscissor.robots._contract import angular_joints
+from jaxscissor.robots._contract import angular_joints, constraints_on
 from jaxscissor.singularities._measures import _about_its_end, closure_matrix
 from tests.bound_robots import AgileEye, FiveBar, ThreeUPU
 from tests.toys import ThreePRS
@@ -97,7 +97,7 @@ def test_the_loosest_motion_is_one_that_exists():
     robot, step = ThreePRS.example(), 1e-6
     motion = np.asarray(js.singularities.measures(robot, tilted).platform_motion)
     position, rotation = robot.space.place(tilted)
-    ends = [robot.constraints(*robot.space.retract(position, rotation, sign * step * motion)) for sign in (1, -1)]
+    ends = [constraints_on(robot, *robot.space.retract(position, rotation, sign * step * motion)) for sign in (1, -1)]
     assert np.abs(np.subtract(*ends)).max() / (2 * step) < 1e-9
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from jaxscissor.robots._contract import actuated_mask, angular_joints, joints_by_leg, joints_together
+from jaxscissor.robots._contract import actuated_mask, angular_joints, constraints_on, joints_by_leg, joints_together
 from jaxscissor.robots._over_legs import one_by_one
 from tests.conftest import ALL, as_users, exhaustive
 from tests.toys import Planar3RPR
@@ -250,7 +250,7 @@ def test_an_empty_batch_gives_an_empty_answer(robot):
 def test_the_margin_is_continuous_and_changes_sign_at_the_boundary(robot, rng):
     home = robot.home()[0]
     margins = partial(margin_batch, robot)
-    if robot.constraints(*robot.space.place(home)):  # leaves its poses in every direction but its own
+    if constraints_on(robot, *robot.space.place(home)):  # leaves its poses in every direction but its own
         aside = np.asarray(home) + np.linspace(0.001, 1, 50)[:, None] * np.eye(6)[0]
         assert (np.asarray(margins(aside)) < 0).all() and margins(home[None])[0] > 0
         return

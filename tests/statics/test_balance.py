@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from jaxscissor.robots._contract import joints_by_leg, seen_by_legs
+from jaxscissor.robots._contract import constraints_on, joints_by_leg, seen_by_legs
 from jaxscissor.robots._over_legs import one_by_one
 from jaxscissor.statics import Load, Material, Section
 from tests.conftest import ALL, exhaustive, scaled
@@ -77,7 +77,7 @@ def test_forces_do_no_virtual_work(name, rng):
     @jax.vmap
     def platform(pose):
         position, rotation = robot.space.place(pose)
-        bound = jax.jacfwd(lambda t: jnp.array(robot.constraints(*robot.space.nudge(position, rotation, tuple(t)))))
+        bound = jax.jacfwd(lambda t: jnp.array(constraints_on(robot, *robot.space.nudge(position, rotation, tuple(t)))))
         weights = jax.grad(lambda t: load.potential(*robot.space.nudge(position, rotation, tuple(t))))
         return bound(still), weights(still)
 

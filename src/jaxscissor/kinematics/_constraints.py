@@ -10,7 +10,7 @@ from jaxscissor._engine.numerics import Scalar, default_tol
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.types import PoseLike, PyTree
 from jaxscissor.kinematics._solution import Solution, Status
-from jaxscissor.robots._contract import Joints, Mechanism, checked_pose
+from jaxscissor.robots._contract import Joints, Mechanism, checked_pose, constraints_on
 
 
 @one_pose()
@@ -44,7 +44,7 @@ def constrained_pose(robot: Mechanism, pose: PoseLike) -> Solution:
     if not set(robot.dependent) <= set(robot.space.names):
         raise ValueError(f"Got dependent = {robot.dependent}; expected some of {robot.space.names}.")
     places = tuple(robot.space.names.index(name) for name in robot.dependent)
-    equations = len(jax.eval_shape(lambda: robot.constraints(*robot.space.place(pose))))
+    equations = len(jax.eval_shape(lambda: constraints_on(robot, *robot.space.place(pose))))
     if places and equations != len(places):
         raise ValueError(
             f"Got {equations} constraints for the dependent coordinates {robot.dependent}; expected as many. Name in "
@@ -57,7 +57,7 @@ def _residual(unknowns: Joints, args: PyTree) -> Joints:
     robot, pose, scales = args
     for name, value, scale in zip(robot.dependent, unknowns, scales, strict=True):
         pose = pose.at[robot.space.names.index(name)].set(value * scale)
-    return tuple(robot.constraints(*robot.space.place(pose)))
+    return constraints_on(robot, *robot.space.place(pose))
 
 
 def _constrained_pose(robot: Mechanism, pose: jax.Array, places: tuple[int, ...]) -> Solution:

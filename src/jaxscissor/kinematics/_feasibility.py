@@ -25,7 +25,7 @@ from jaxscissor.kinematics._legs import (
     solve_leg,
 )
 from jaxscissor.kinematics._solution import Status
-from jaxscissor.robots._contract import Attachment, Joints, Leg, Mechanism, checked_pose, leg_residual
+from jaxscissor.robots._contract import Attachment, Joints, Leg, Mechanism, checked_pose, constraints_on, leg_residual
 from jaxscissor.robots._over_legs import one_by_one, over_legs
 
 
@@ -94,7 +94,7 @@ def _feasibility(robot: Mechanism, pose: jax.Array) -> Feasibility:
     margins, statuses = over_legs(_verdict, *lax.stop_gradient((placed.legs, placed.attachments, homes)))
     margin = _least(margins, (placed.legs, placed.attachments), homes)
     status = jnp.max(statuses)
-    constraints = robot.constraints(placed.position, placed.rotation)
+    constraints = constraints_on(robot, placed.position, placed.rotation)
     if constraints:
         # fenced, as it decides twice, and evaluated anew it may round to the other side of the tolerance
         off, tol = fence(safe_sqrt(sum(c * c for c in constraints))), default_tol(pose.dtype)

@@ -20,6 +20,7 @@ from jaxscissor.robots._contract import (
     Mechanism,
     checked_joints,
     checked_pose,
+    constraints_on,
     differentiable_roots,
     joints_by_leg,
     joints_together,
@@ -80,7 +81,7 @@ def _solve(robot: Mechanism, pose: jax.Array, guess: jax.Array | None, tol: Scal
     placed = place(robot, pose)
     legs, status = solve_legs_only(robot, placed, guess, tol, max_steps)
     status, norms = jnp.max(status), [*legs.norm]
-    constraints = robot.constraints(placed.position, placed.rotation)
+    constraints = constraints_on(robot, placed.position, placed.rotation)
     if constraints:
         norms.append(norm(constraints))
         status = jnp.where(norms[-1] <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))

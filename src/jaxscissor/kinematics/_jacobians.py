@@ -24,6 +24,7 @@ from jaxscissor.robots._contract import (
     Mechanism,
     checked_joints,
     checked_pose,
+    constraints_on,
     joints_together,
     seen_by_legs,
 )
@@ -124,7 +125,7 @@ def constraint_rows(robot: Mechanism, pose: jax.Array) -> jax.Array | None:
     still = tuple(jnp.zeros_like(pose[0]) for _ in range(robot.space.dimension))
 
     def equations(twist: Joints):
-        return tuple(robot.constraints(*robot.space.nudge(position, rotation, twist)))
+        return constraints_on(robot, *robot.space.nudge(position, rotation, twist))
 
     if not jax.eval_shape(equations, still):
         return None

@@ -61,6 +61,14 @@ class Leg:
         """Signed distances to the limits, dimensionless, >= 0 where feasible. Default: no limits."""
         return ()
 
+    def constraints(self, attachment: Attachment) -> Sequence[Scalar]:
+        """Equations that the leg's guides impose on what it sees, whatever its joints. Default: none.
+
+        Dimensionless and of order one, as many for each leg. Their dimensions are the leg's own, so that
+        ``design.tolerances`` and calibration see those of every leg.
+        """
+        return ()
+
     def bars(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
         """Segments to draw, in the base frame; those of a planar robot may have a height too. Default: none."""
         return ()
@@ -141,7 +149,7 @@ class Mechanism:
         return jnp.asarray(joints)[..., np.array(actuated_mask(self))]
 
     def constraints(self, position: Vec, rotation: Rotation) -> Sequence[Scalar]:
-        """Equations among the pose alone, of robots whose platform cannot move freely. Default: none."""
+        """Equations among the pose alone that belong to no leg (those that do: ``Leg.constraints``). Default: none."""
         return ()
 
     def home(self) -> tuple[jax.Array, jax.Array]:
@@ -253,7 +261,7 @@ def checked_freedoms(robot: Mechanism, *, more: bool = False) -> None:
     """
     dimension, actuated = robot.space.dimension, sum(actuated_mask(robot))
     pose = jax.ShapeDtypeStruct((dimension,), float_dtype(robot))
-    bound = len(jax.eval_shape(lambda pose: robot.constraints(*robot.space.place(pose)), pose))
+    bound = len(jax.eval_shape(lambda pose: constraints_on(robot, *robot.space.place(pose)), pose))
     freedoms = dimension - bound
     if actuated != freedoms and not (more and actuated > freedoms):
         raise ValueError(
@@ -283,7 +291,19 @@ def closure(robot: Mechanism, legs: Any, joints: jax.Array | Joints, position: V
         for (leg,), places, one in zip(one_by_one(legs), joint_places(robot), seen, strict=True)
         for equation in leg.residual(tuple(joints[i] for i in places), one)
     ]
-    return (*equations, *robot.constraints(position, rotation))
+    return (*equations, *_constraints(robot, legs, seen, position, rotation))
+
+
+def constraints_on(robot: Mechanism, position: Vec, rotation: Rotation) -> tuple[Scalar, ...]:
+    """All equations among the pose alone: those of each leg, leg by leg, and the robot's own after them."""
+    return _constraints(robot, robot.legs(), _seen_one_by_one(robot, position, rotation), position, rotation)
+
+
+def _constraints(
+    robot: Mechanism, legs: Any, seen: Sequence[Attachment], position: Vec, rotation: Rotation
+) -> tuple[Scalar, ...]:
+    of_legs = [e for (leg,), one in zip(one_by_one(legs), seen, strict=True) for e in leg.constraints(one)]
+    return (*of_legs, *robot.constraints(position, rotation))
 
 
 def checked_pose(robot: Mechanism, pose: PoseLike) -> tuple[Any, jax.Array]:

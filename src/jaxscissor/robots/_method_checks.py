@@ -103,6 +103,13 @@ def checked_constraints(self: Any, constraints: Any, position: Any, rotation: An
     return cast(list(constraints), _dtype((position, rotation)))
 
 
+def checked_leg_constraints(self: Any, constraints: Any, attachment: PyTree) -> Any:
+    """Equations, one number each."""
+    if not numbers(constraints):
+        raise refuse(self, "constraints(attachment)", constraints, "a list with one number per equation")
+    return cast(list(constraints), _dtype(attachment))
+
+
 def checked_home(self: Any, home: Any) -> tuple[Any, Any]:
     """Pose and joints as arrays."""
     dimension = self.space.dimension
@@ -197,6 +204,7 @@ LEG: Mapping[str, Check] = {
     "residual": checked_residual,
     "start": checked_start,
     "margins": checked_margins,
+    "constraints": checked_leg_constraints,
     "solutions": checked_solutions,
     "connections": checked_connections,
 }

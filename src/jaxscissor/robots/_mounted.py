@@ -97,6 +97,10 @@ class MountedLeg(Leg):
         """The leg's."""
         return self.leg.closes(joints)
 
+    def constraints(self, attachment: Attachment) -> Sequence[Scalar]:
+        """The leg's."""
+        return self.leg.constraints(self._seen(attachment))
+
     def bars(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
         """The leg's, in the world."""
         return [self._out(bar) for bar in self.leg.bars(joints, self._seen(attachment))]

@@ -25,6 +25,7 @@ from jaxscissor.robots._contract import (
     checked_joints,
     checked_pose,
     closure,
+    constraints_on,
     joints_together,
 )
 from jaxscissor.singularities._measures import closure_matrix, leg_columns, passive_columns, small_determinant
@@ -157,7 +158,7 @@ def _checked(
     angle_length: Number | None,
 ) -> tuple[Mechanism, jax.Array, jax.Array | None, Scalar, Scalar]:
     robot, pose = checked_pose(robot, pose)
-    if robot.constraints(*robot.space.place(pose)):
+    if constraints_on(robot, *robot.space.place(pose)):
         raise ValueError(f"The pose of {type(robot).__name__} is bound by constraints; there is no free direction.")
     if joints is not None:
         joints = checked_joints(robot, joints)

@@ -29,6 +29,7 @@ from jaxscissor.robots._contract import (
     checked_freedoms,
     checked_joints,
     checked_pose,
+    constraints_on,
     joints_by_leg,
     seen_by_legs,
 )
@@ -220,7 +221,7 @@ def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: 
     def placed(twist: jax.Array):
         lengths = [robot.length * s if i < robot.space.translations else s for i, s in enumerate(twist)]
         moved = robot.space.nudge(position, rotation, lengths)
-        return seen_by_legs(robot, *moved), robot.constraints(*moved)
+        return seen_by_legs(robot, *moved), constraints_on(robot, *moved)
 
     (seen, _), (shifts, constraints) = _pushed(placed, jnp.zeros(d, joints.dtype))
 

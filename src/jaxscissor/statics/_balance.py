@@ -24,6 +24,7 @@ from jaxscissor.robots._contract import (
     actuated_mask,
     checked_freedoms,
     checked_pose,
+    constraints_on,
     joints_by_leg,
     joints_together,
     seen_by_legs,
@@ -145,7 +146,7 @@ def balance(case: Case, *, bound: bool = True) -> Balance:
     actuators = len(rows)
     constraints = constraint_rows(robot, case.pose)
     if constraints is not None:
-        off = jnp.stack(robot.constraints(placed.position, placed.rotation))
+        off = jnp.stack(constraints_on(robot, placed.position, placed.rotation))
         broken = jnp.sqrt(jnp.sum(off**2)) > default_tol(off.dtype)
         status = jnp.where(broken & bound, jnp.maximum(status, Status.NO_SOLUTION), status)
         rows = jnp.concatenate([rows, constraints])

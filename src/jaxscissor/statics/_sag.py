@@ -14,7 +14,7 @@ from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import pytree
 from jaxscissor._engine.types import Numbers, PoseLike, PyTree
 from jaxscissor.kinematics._solution import Status
-from jaxscissor.robots._contract import Mechanism
+from jaxscissor.robots._contract import Mechanism, constraints_on
 from jaxscissor.statics._balance import Balance, Case, balance, checked_case, per_actuator
 from jaxscissor.statics._bar_compliance import bar_compliance
 from jaxscissor.statics._load import Load
@@ -137,7 +137,7 @@ def _settled(case: Case, state: Balance, rest: jax.Array, springs: jax.Array) ->
 
 def _off(case: Case, state: Balance, forces: jax.Array) -> jax.Array:
     """What the forces leave unbalanced of the wrench ``(d,)``, and how far the constraints are from being met."""
-    constraints = case.robot.constraints(state.placed.position, state.placed.rotation)
+    constraints = constraints_on(case.robot, state.placed.position, state.placed.rotation)
     off = case.wrench - state.pull + forces @ state.rows
     return jnp.concatenate([off, -jnp.stack(constraints)]) if constraints else off
 

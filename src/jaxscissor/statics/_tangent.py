@@ -11,7 +11,7 @@ from jaxscissor._engine.left_inverse import left_inverse
 from jaxscissor._engine.numerics import safe_divide, safe_sqrt
 from jaxscissor._engine.types import PyTree
 from jaxscissor.kinematics._jacobians import leg_jacobian
-from jaxscissor.robots._contract import Attachment, Joints, Leg, seen_by_legs
+from jaxscissor.robots._contract import Attachment, Joints, Leg, constraints_on, seen_by_legs
 from jaxscissor.robots._over_legs import over_legs
 from jaxscissor.statics._balance import Balance, Case, numbers_of, pushes_of_legs, slope_of_weight
 from jaxscissor.statics._bodies import Bodies
@@ -83,7 +83,7 @@ def _platform_curvature(case: Case, state: Balance, pulls: jax.Array, bound: jax
         position, rotation = space.nudge(*moved, tuple(step))
         numbers = numbers_of(seen_by_legs(robot, position, rotation))
         total = case.load.potential(position, rotation) + jnp.sum(pulls * numbers)
-        for force, equation in zip(bound, robot.constraints(position, rotation), strict=True):
+        for force, equation in zip(bound, constraints_on(robot, position, rotation), strict=True):
             total = total - force * equation
         return total
 
