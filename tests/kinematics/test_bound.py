@@ -122,3 +122,19 @@ def test_the_leg_end_is_found_in_a_space_of_ones_own():
     for one, columns in ((robot, range(6)), (lifted, [0, 1, 2, 5])):
         about = _about_its_end(one, jnp.asarray(by_twist[:, list(columns)]), position, rotation, seen[0])
         assert np.abs(about[:, 3:]).max() < 1e-15
+
+
+def test_a_constraint_singularity_has_a_measure_of_its_own():
+    """Of the 3-UPU it is zero on the circle of its radius and grows as the distance from it; it knows no actuators."""
+    robot = ThreeUPU(0.5, 0.25)
+
+    def measure(x, y, robot=robot):
+        return js.singularities.measures(robot, jnp.array([x, y, 0.8, 0.0, 0.0, 0.0])).constraint
+
+    for angle in (0.0, 1.0, 2.5):
+        values = [float(measure(r * np.cos(angle), r * np.sin(angle))) for r in (0.5, 0.5 + 1e-4, 0.5 - 1e-4, 0.1)]
+        assert values[0] < 1e-7 and values[3] > 0.1
+        assert values[1] == pytest.approx(values[2], rel=1e-3) and 1e-5 < values[1] < 1e-3
+    assert float(js.singularities.measures(js.NavaroII.prototype(), [45.0, 26.0, 0.1]).constraint) == 1
+    free = js.singularities.measures(FiveBar(0.1), np.array([0.1, 0.3, 0.0]))
+    assert float(free.constraint) == pytest.approx(1)

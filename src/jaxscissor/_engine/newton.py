@@ -61,7 +61,8 @@ def newton(
 ) -> tuple[Any, Scalar, Scalar]:
     """Solve ``residual(state, args) = 0`` by Newton steps, halved while they do not reduce the residual.
 
-    1. The residual r and its Jacobian J by a step from the state; the Newton step is d = -J^-1 r.
+    1. The residual r and its Jacobian J by a step from the state; the Newton step is d = -J^-1 r, with fewer
+       ``unknowns`` than equations that of Gauss and Newton, d = -(J^T J)^-1 J^T r.
     2. Try the state moved by a share of d, at first by all of it.
     3. If the residual is smaller there, go, and double the share up to one; if not, stay, and halve it.
 
@@ -75,9 +76,10 @@ def newton(
     """
     start, args = lax.stop_gradient((start, args))
     first = residual(start, args)
-    zero = tuple(jnp.zeros_like(r) for r in first)
-    if unknowns is not None and unknowns != len(first):
-        raise ValueError(f"Got {len(first)} equations for {unknowns} unknowns; Newton needs as many.")
+    count = len(first) if unknowns is None else unknowns
+    if count > len(first):
+        raise ValueError(f"Got {len(first)} equations for {count} unknowns; Newton needs at least as many.")
+    zero = (jnp.zeros_like(first[0]),) * count
 
     def unfinished(carry: PyTree):
         _, error, _, count = carry
@@ -86,7 +88,7 @@ def newton(
     def step(carry: PyTree):
         state, error, damping, count = carry
         values, rows = value_and_jacobian(lambda d: residual((nudge or retract)(state, d), args), zero)
-        trial = retract(state, tuple(-damping * d for d in solve(rows, values)))
+        trial = retract(state, tuple(-damping * d for d in solve(*normal_equations(rows, values))))
         trial_error = norm(residual(trial, args))
         better = trial_error < error
         pairs = (trial, trial_error), (state, error)
@@ -103,8 +105,9 @@ def newton(
 def implicit(residual: Residual, root: Unknowns, ok: Scalar, args: PyTree) -> Unknowns:
     """Give a root of ``residual(root, args) = 0`` its derivative by the implicit function theorem.
 
-    The rule calls itself, so forward, reverse and higher derivatives all work. Where ``ok`` is false, and
-    where the Jacobian is singular to rounding, the derivative is zero.
+    Of more equations than unknowns it is the one of least squares. The rule calls itself, so forward, reverse and
+    higher derivatives all work. Where ``ok`` is false, and where the Jacobian is singular to rounding, the derivative
+    is zero.
     """
     return root
 
@@ -116,8 +119,25 @@ def _implicit_jvp(residual: PyTree, primals: tuple[Any, ...], tangents: tuple[An
     _, rows = value_and_jacobian(lambda x: residual(x, args), root)
     _, moved = jax.jvp(lambda a: residual(root, a), (args,), (tangents[2],))
     # every entry of the adjugate would evaluate the Jacobian and the moved residual anew
-    tangent, _ = solve_regular(rows if len(rows) > 3 else fence(rows), [-m for m in fence(moved)], ok)
+    rows, moved = normal_equations(rows if len(rows) > 3 else fence(rows), fence(moved))
+    tangent, _ = solve_regular(rows, [-m for m in moved], ok)
     return root, tangent
+
+
+def normal_equations(
+    rows: Sequence[Sequence[Scalar]], values: Sequence[Scalar]
+) -> tuple[Sequence[Sequence[Scalar]], Sequence[Scalar]]:
+    """J^T J and J^T r of a system with more equations than unknowns; one with as many as it is."""
+    return (rows, values) if len(rows) == len(rows[0]) else _normal(rows, values)
+
+
+def _normal(rows: Sequence[Sequence[Scalar]], values: Sequence[Scalar]) -> tuple[list[list[Scalar]], list[Scalar]]:
+    columns = list(zip(*rows, strict=True))
+
+    def product(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
+        return sum(x * y for x, y in zip(a, b, strict=True))
+
+    return [[product(a, b) for b in columns] for a in columns], [product(a, values) for a in columns]
 
 
 def fold_distance(residual: Residual, root: Unknowns, args: PyTree) -> Scalar:
@@ -157,9 +177,7 @@ def least_squares(residual: Residual, start: Unknowns, args: PyTree, *, max_step
     def step(_: object, carry: PyTree):
         state, cost, damping = carry
         values, rows = value_and_jacobian(lambda x: residual(x, args), state)
-        columns = list(zip(*rows, strict=True))
-        gradient = [sum(c * v for c, v in zip(column, values, strict=True)) for column in columns]
-        normal = [[sum(p * q for p, q in zip(a, b, strict=True)) for b in columns] for a in columns]
+        normal, gradient = _normal(rows, values)
         size = sum(normal[i][i] for i in range(len(state)))
         normal = [[e + (damping * size if i == j else 0) for j, e in enumerate(row)] for i, row in enumerate(normal)]
         trial = tuple(x - d for x, d in zip(state, solve(normal, gradient), strict=True))

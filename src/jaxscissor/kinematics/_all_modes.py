@@ -157,7 +157,7 @@ def forward_kinematics_all(
       that fit no pose, have no valid entry. Which modes are physically sensible: see ``within_limits``.
 
     Raises:
-      ValueError: wrong shape of the joints; a robot with more or fewer actuated joints than freedoms.
+      ValueError: wrong shape of the joints; a robot with fewer actuated joints than freedoms.
 
     Example:
       >>> import jax, jaxscissor as js
@@ -166,7 +166,7 @@ def forward_kinematics_all(
       >>> int(modes.count), modes.values.shape, modes.complete
       (16, (16, 6), True)
     """
-    checked_freedoms(robot)
+    checked_freedoms(robot, more=True)
     joints = checked_joints(robot, joints, actuated_only=True)
     robot, joints = as_floats(robot, joints)
     tol = default_tol(joints.dtype) if tol is None else tol

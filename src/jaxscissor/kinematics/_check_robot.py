@@ -44,7 +44,7 @@ def check_robot(robot: Mechanism, *, poses: int = 256, seed: int = 0) -> None:
     To be run once, while a robot of one's own is being written; it compiles some programs and takes some seconds. It
     checks
 
-    1. what the methods give: how many, of which shapes, and as many actuated joints as freedoms;
+    1. what the methods give: how many, of which shapes, and at least as many actuated joints as freedoms;
     2. home: it closes, inverse kinematics and forward kinematics give it back, its margins are not negative;
     3. ``start`` at random poses around home: where the reach is >= 0 Newton's method finds a root in home's working
        mode, and where it is negative there is none;
@@ -93,7 +93,7 @@ def _counts(robot: Mechanism) -> Iterator[str]:
         yield f"home() gave {len(joints)} joints; the legs have {count}: one entry per joint, leg by leg."
         return
     jax.eval_shape(together, robot, pose, joints)
-    checked_freedoms(robot)
+    checked_freedoms(robot, more=True)
 
 
 def _home(robot: Mechanism) -> Iterator[str]:

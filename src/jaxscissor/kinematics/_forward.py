@@ -15,6 +15,7 @@ from jaxscissor.kinematics._platform import (
     all_joints,
     assemble,
     assembly_sign,
+    contradiction,
     differentiable_pose,
     legs_close,
     state_at,
@@ -25,6 +26,7 @@ from jaxscissor.robots._contract import (
     checked_freedoms,
     checked_joints,
     checked_pose,
+    is_redundant,
 )
 
 
@@ -39,7 +41,8 @@ def forward_kinematics(
 ) -> Solution:
     """Pose that the actuated joints give the platform.
 
-    Newton's method on the pose and the passive joints together, stepping on the rotation group.
+    Newton's method on the pose and the passive joints together, stepping on the rotation group; of a robot with more
+    actuated joints than freedoms that of Gauss and Newton, whose pose has the least residual.
 
     Args:
       robot: the robot; every array in it is differentiable.
@@ -52,11 +55,12 @@ def forward_kinematics(
       ``Solution`` whose ``value`` is the pose ``(d,)``, pitch within [-90, 90] deg. ``CONVERGED`` in the
       assembly mode of the guess (the sign of its closure determinant), ``OTHER_MODE`` in one of the other
       sign, ``SINGULAR`` where the iteration ended with a loose platform, ``NO_SOLUTION`` where a leg cannot
-      take its joints at all, ``MAX_STEPS`` (which proves nothing), ``NONFINITE``. Derivatives are zero where
-      the status is not ``CONVERGED``.
+      take its joints at all, ``CONTRADICTION`` where more of them are actuated than the platform has freedoms and
+      they do not agree, ``MAX_STEPS`` (which proves nothing), ``NONFINITE``. Derivatives are zero where the status is
+      not ``CONVERGED``.
 
     Raises:
-      ValueError: wrong shape of ``actuated`` or ``guess``; a robot with more or fewer actuated joints than freedoms.
+      ValueError: wrong shape of ``actuated`` or ``guess``; a robot with fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -65,7 +69,7 @@ def forward_kinematics(
       >>> bool(abs(js.forward_kinematics(robot, joints + 0.01).value - pose)[2] > 0.01)
       True
     """
-    checked_freedoms(robot)
+    checked_freedoms(robot, more=True)
     actuated = checked_joints(robot, actuated, actuated_only=True)
     robot, actuated = as_floats(robot, actuated)
     if guess is not None:
@@ -82,7 +86,8 @@ def _forward_kinematics(
 
     1. Home, or the guess with the joints of the home mode there, is where Newton's method starts.
     2. Where it ends, the sign of det d residual / d (twist, passive joints) is compared with that of the start.
-    3. The status: not closed, another sign, a singularity, a leg that cannot take its joints, in rising order.
+    3. The status: not closed, joints that contradict each other, another sign, a singularity, a leg that cannot take
+       its joints, in rising order.
     4. The derivative of the implicit function, where the status says that the pose is what was asked for.
     """
     finite = jnp.all(jnp.isfinite(actuated)) & (True if guess is None else jnp.all(jnp.isfinite(guess)))
@@ -96,6 +101,9 @@ def _forward_kinematics(
     signs = lax.map(lambda end: assembly_sign(robot, *end), ends)  # one after the other through one program
     same = signs[0] * signs[1] >= 0  # a guess on a singularity names no mode
     status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
+    if is_redundant(robot):
+        ended = contradiction(robot, actuated, state) < jnp.sqrt(tol)
+        status = jnp.where((error > tol) & ended, Status.CONTRADICTION, status)
     status = jnp.where(signs[0] == 0, Status.SINGULAR, status)
     status = jnp.where(legs_close(robot, all_joints(robot, actuated, state)), status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)

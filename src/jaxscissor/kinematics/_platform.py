@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._engine.matrices import determinant_sign
-from jaxscissor._engine.newton import implicit, newton, value_and_jacobian
+from jaxscissor._engine.matrices import determinant_sign, solve_regular
+from jaxscissor._engine.newton import implicit, newton, norm, normal_equations, value_and_jacobian
 from jaxscissor._engine.numerics import Scalar
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Rotation, Vec
@@ -51,7 +51,8 @@ def assemble(
     """Newton's method from a state, stepping on the rotation group: state, residual and number of steps."""
     args = (robot, robot.legs(), actuated)
     retract, nudge = (_stepping(robot, step) for step in (robot.space.retract, robot.space.nudge))
-    return newton(_state_residual, start, args, tol=tol, max_steps=max_steps, retract=retract, nudge=nudge)
+    steps = {"tol": tol, "max_steps": max_steps, "retract": retract, "nudge": nudge}
+    return newton(_state_residual, start, args, unknowns=_unknowns(robot), **steps)
 
 
 def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:
@@ -70,13 +71,33 @@ def legs_close(robot: Mechanism, joints: jax.Array) -> Scalar:
 
 @jax.jit
 def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
-    """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity."""
-    robot, actuated, state = lax.stop_gradient((robot, actuated, state))
+    """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity.
+
+    Of a robot with more actuated joints than freedoms that of det J^T J: such joints name no modes.
+    """
+    rows, values = _system(*lax.stop_gradient((robot, actuated, state)))
+    return determinant_sign(normal_equations(rows, values)[0])
+
+
+@jax.jit
+def contradiction(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
+    """Size of the next step of Gauss and Newton from a state: next to nothing where the residual is least."""
+    rows, values = _system(*lax.stop_gradient((robot, actuated, state)))
+    step, regular = solve_regular(*normal_equations(rows, values))
+    return jnp.where(regular, norm(step), jnp.inf)
+
+
+def _system(robot: Mechanism, actuated: jax.Array, state: State) -> tuple[Sequence[Sequence[Scalar]], Joints]:
+    """The closure's rows by (twist, passive joints) at a state, and its values."""
     args, nudge = (robot, robot.legs(), actuated), _stepping(robot, robot.space.nudge)
-    count = len(_state_residual(state, args))
-    zero = tuple(jnp.zeros_like(actuated[0]) for _ in range(count))
-    _, rows = value_and_jacobian(lambda d: _state_residual(nudge(state, d), args), zero)
-    return determinant_sign(rows)
+    zero = (jnp.zeros_like(actuated[0]),) * _unknowns(robot)
+    values, rows = value_and_jacobian(lambda d: _state_residual(nudge(state, d), args), zero)
+    return rows, values
+
+
+def _unknowns(robot: Mechanism) -> int:
+    """Coordinates of the pose and passive joints."""
+    return robot.space.dimension + actuated_mask(robot).count(False)
 
 
 def _state_residual(state: State, args: PyTree) -> Joints:

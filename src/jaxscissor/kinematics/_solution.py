@@ -31,6 +31,7 @@ class Status(enum.IntEnum):
     PLANNED = 10
     NO_CLEAR_MODE = 11
     OUT_OF_REACH = 12
+    CONTRADICTION = 13
 
     @property
     def message(self) -> str:
@@ -54,6 +55,8 @@ _MESSAGES = {
     Status.PLANNED: "found a plan that keeps clear of singularities",
     Status.NO_CLEAR_MODE: "on some steps no mode keeps clear of singularities",
     Status.OUT_OF_REACH: "a pose, or of a plan some poses in every mode, is beyond a limit",
+    Status.CONTRADICTION: "more joints are actuated than the platform has freedoms, and no pose near the guess has "
+    "them all; the value is the pose of least residual",
 }
 
 

@@ -253,21 +253,31 @@ def _seen_one_by_one(robot: Mechanism, position: Vec, rotation: Rotation) -> Seq
     return seen
 
 
+def is_redundant(robot: Mechanism) -> bool:
+    """Whether more joints are actuated than the platform has freedoms."""
+    return sum(actuated_mask(robot)) > robot.space.dimension - _bound(robot)
+
+
+def _bound(robot: Mechanism) -> int:
+    """Number of constraints on the pose."""
+    pose = jax.ShapeDtypeStruct((robot.space.dimension,), float_dtype(robot))
+    return len(jax.eval_shape(lambda pose: constraints_on(robot, *robot.space.place(pose)), pose))
+
+
 def checked_freedoms(robot: Mechanism, *, more: bool = False) -> None:
     """Raise unless there are as many actuated joints as the platform has freedoms, or ``more`` where that will do.
 
     Raises:
       ValueError: naming both counts.
     """
-    dimension, actuated = robot.space.dimension, sum(actuated_mask(robot))
-    pose = jax.ShapeDtypeStruct((dimension,), float_dtype(robot))
-    bound = len(jax.eval_shape(lambda pose: constraints_on(robot, *robot.space.place(pose)), pose))
+    dimension, actuated, bound = robot.space.dimension, sum(actuated_mask(robot)), _bound(robot)
     freedoms = dimension - bound
     if actuated != freedoms and not (more and actuated > freedoms):
         raise ValueError(
             f"Got a {type(robot).__name__} with {actuated} actuated joints for {freedoms} freedoms: {dimension} "
-            f"coordinates of the pose ({', '.join(robot.space.names)}) and {bound} constraints on it. Expected as many "
-            "actuated joints as freedoms: see actuated of the leg, legs() and constraints()."
+            f"coordinates of the pose ({', '.join(robot.space.names)}) and {bound} constraints on it. Expected "
+            f"{'at least ' if more else ''}as many actuated joints as freedoms: see actuated of the leg, legs() and "
+            "constraints()."
         )
 
 

@@ -12,7 +12,7 @@ from jax import lax
 from jax.scipy.linalg import block_diag
 
 from jaxscissor._engine.cpu.fence import fence
-from jaxscissor._engine.matrices import determinant, null_vector
+from jaxscissor._engine.matrices import determinant, null_vector, solve_regular
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats, pytree
@@ -30,6 +30,7 @@ from jaxscissor.robots._contract import (
     checked_joints,
     checked_pose,
     constraints_on,
+    is_redundant,
     joints_by_leg,
     seen_by_legs,
 )
@@ -45,6 +46,9 @@ class Measures:
         rests: two working modes meet. Within -1 and 1.
       type2: ``()``, zero where the platform can move while the actuators rest: two assembly modes meet.
         Within -1 and 1.
+      constraint: ``()``, zero where the constraints on the pose depend on each other, so that the platform has a
+        freedom more whatever the actuators do (a constraint singularity). From 0 to 1, where they are at right
+        angles; 1 of a robot without constraints.
       joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest.
       platform_motion: ``(d,)`` twist that the constraints allow, closest to one with the actuators at rest.
       status: see ``inverse_kinematics``.
@@ -52,6 +56,7 @@ class Measures:
 
     type1: jax.Array
     type2: jax.Array
+    constraint: jax.Array
     joint_motion: jax.Array
     platform_motion: jax.Array
     status: jax.Array
@@ -76,8 +81,10 @@ def measures(robot: Mechanism, pose: PoseLike, *, joints: JointsLike | None = No
     same with its own B instead of A in front and the platform's translations and its rotations about the leg's
     end in A: coordinates of the space of motions, which are free of the scale of the equations. Lengths count in
     units of the robot's length [RAL17 eqs. 16-18, NAV19 eqs. 1-6]. Of robots with constraints on the pose, these
-    stand below A, and their norms in the denominator, so that the type-2 measure is zero also where they or they
-    and the legs depend on each other (a constraint singularity).
+    stand below A, and their norms in the denominator, so that the type-2 measure is zero also where they, C, depend on
+    each other: sqrt(det(C C^T)) over their norms is the measure of constraint singularities [after Zlatanov, Bonev and
+    Gosselin]. Of a robot with more actuated joints than freedoms, dq = M t, the type-2 measure is
+    sqrt(det M^T M / det(1 + M^T M)), which has no sign.
 
     Args:
       robot: the robot; every array in it is differentiable.
@@ -91,7 +98,7 @@ def measures(robot: Mechanism, pose: PoseLike, *, joints: JointsLike | None = No
       lengths in units of the robot's length, no meaningful sign, and no derivative.
 
     Raises:
-      ValueError: wrong shapes; a robot with more or fewer actuated joints than freedoms.
+      ValueError: wrong shapes; a robot with fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -101,7 +108,7 @@ def measures(robot: Mechanism, pose: PoseLike, *, joints: JointsLike | None = No
       (True, True)
     """
     robot, pose = checked_pose(robot, pose)
-    checked_freedoms(robot)
+    checked_freedoms(robot, more=True)
     if joints is not None:
         joints = checked_joints(robot, joints)
         robot, pose, joints = as_floats(robot, pose, joints)
@@ -121,7 +128,14 @@ def _measured(robot: Mechanism, pose: jax.Array, joints: jax.Array | None) -> Me
     position, rotation = fence(placed)  # every derivative of the closure would evaluate the rotation anew
     type1, type2, matrix = _measures(robot, position, rotation, jnp.where(usable, configuration, home_joints))
     joint_motion, platform_motion = _motions(*lax.stop_gradient((robot, matrix)))
-    found = Measures(type1, type2, joint_motion, platform_motion, status.astype(jnp.int32))
+    found = Measures(
+        type1=type1,
+        type2=type2,
+        constraint=_independence(robot, matrix),
+        joint_motion=joint_motion,
+        platform_motion=platform_motion,
+        status=status.astype(jnp.int32),
+    )
     return jax.tree.map(lambda x: x if x.dtype == jnp.int32 else jnp.where(usable, x, jnp.nan), found)
 
 
@@ -135,7 +149,7 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
     cases = zip(rows, ends, strict=True)
     moved = [_about_its_end(robot, block[:, :d], position, rotation, *end) for block, end in cases]
     type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
-    return type1, _type2(robot, matrix), matrix
+    return type1, _redundant_type2(robot, matrix) if is_redundant(robot) else _type2(robot, matrix), matrix
 
 
 def _about_its_end(
@@ -188,6 +202,29 @@ def _type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
         small_determinant(jnp.concatenate([twist, free], axis=1)),
         safe_sqrt(jnp.abs(small_determinant(bordered)) * bound),
     )
+
+
+def _redundant_type2(robot: Mechanism, matrix: jax.Array) -> Scalar:
+    """The same of more actuated joints than freedoms: sqrt(det M^T M / det(1 + M^T M)), M = d (actuated, bound) / dt.
+
+    With as many it is |det A| / sqrt(det(A A^T + B B^T)), as M = -B^-1 A then.
+    """
+    d, flags = robot.space.dimension, sum(actuation(robot), ())
+    joints = len(flags)
+    rows, regular = solve_regular([list(row[d:]) for row in matrix[:joints]], list(-matrix[:joints, :d]))
+    moved = jnp.stack([row for row, actuated in zip(rows, flags, strict=True) if actuated])
+    gram = moved.T @ moved + matrix[joints:, :d].T @ matrix[joints:, :d]
+    share = safe_divide(small_determinant(gram), small_determinant(gram + jnp.eye(d, dtype=gram.dtype)))
+    return jnp.where(regular, safe_sqrt(share), jnp.nan)
+
+
+def _independence(robot: Mechanism, matrix: jax.Array) -> Scalar:
+    """Volume of the unit vectors along the constraints' rows."""
+    rows = matrix[sum(map(len, actuation(robot))) :, : robot.space.dimension]
+    if not len(rows):
+        return jnp.ones_like(matrix[0, 0])
+    units = fence(rows * safe_divide(1, safe_sqrt(jnp.sum(rows**2, axis=1)))[:, None])
+    return safe_sqrt(small_determinant(_gram(units)))
 
 
 def _without_passive(robot: Mechanism, matrix: jax.Array) -> jax.Array | None:

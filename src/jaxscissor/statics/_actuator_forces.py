@@ -50,7 +50,9 @@ def actuator_forces(
 
     By virtual work: f . dq + w . t - dV = 0 for every twist t that the robot allows, with the motion dq = J t of the
     actuated joints and the potential V of platform, payload and bars as a function of the pose. So J^T f = dV/dt - w,
-    with the forces of constraints on the pose, if there are any, beside f.
+    with the forces of constraints on the pose, if there are any, beside f. Of more actuated joints than freedoms these
+    are the forces of least norm, a moment counting as a force at a lever of the robot's length; actuators that brace
+    against each other add to them.
 
     Args:
       robot: the robot; every array in it is differentiable.
@@ -64,7 +66,7 @@ def actuator_forces(
       ``ActuatorForces``, newtons and newton meters where lengths are meters and masses kilograms.
 
     Raises:
-      ValueError: wrong shapes; a robot with more or fewer actuated joints than freedoms.
+      ValueError: wrong shapes; a robot with fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -74,7 +76,7 @@ def actuator_forces(
       >>> [round(float(force), 1) for force in found.value]  # inwards
       [-54.1, -54.1, -54.1, -54.1, -54.1, -54.1]
     """
-    case = checked_case(robot, pose, wrench, load, section)
+    case = checked_case(robot, pose, wrench, load, section, more=True)
     state = balance(case)
     forces = state.hold(state.pull - case.wrench)
     exerted = state.leg_forces(case.robot, forces) - state.legs.weight

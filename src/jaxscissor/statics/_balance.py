@@ -22,6 +22,7 @@ from jaxscissor.robots._contract import (
     Leg,
     Mechanism,
     actuated_mask,
+    angular_joints,
     checked_freedoms,
     checked_pose,
     constraints_on,
@@ -92,15 +93,22 @@ def pushes_of_legs(robot: Mechanism, forces: jax.Array) -> jax.Array:
 
 
 def checked_case(
-    robot: Mechanism, pose: PoseLike, wrench: Numbers | None, load: Load | None, section: Section | None
+    robot: Mechanism,
+    pose: PoseLike,
+    wrench: Numbers | None,
+    load: Load | None,
+    section: Section | None,
+    *,
+    more: bool = False,
 ) -> Case:
     """The arguments that all functions of this room take, in the dtype of robot and pose.
 
     Raises:
-      ValueError: a wrong shape, or a robot with more or fewer actuated joints than freedoms.
+      ValueError: a wrong shape, or a robot with fewer actuated joints than freedoms; with more, unless
+        these will do.
     """
     robot, pose = checked_pose(robot, pose)
-    checked_freedoms(robot)
+    checked_freedoms(robot, more=more)
     wrench = jnp.zeros_like(pose) if wrench is None else jnp.asarray(wrench)
     if wrench.shape != pose.shape:
         raise ValueError(
@@ -160,9 +168,19 @@ def balance(case: Case, *, bound: bool = True) -> Balance:
 
 
 def _inverse(robot: Mechanism, rows: jax.Array) -> jax.Array:
-    """Inverse of the rows by twist, made free of units before and given them after; zero where they are singular."""
+    """Inverse of the rows by twist, made free of units before and given them after; zero where they are singular.
+
+    Of more rows than columns the pseudoinverse, so that the forces are those of least norm, a moment counting as a
+    force at a lever of the robot's length.
+    """
     length = jnp.where(jnp.arange(rows.shape[1]) < robot.space.translations, 1, robot.length)
     scaled = rows / length[None]
+    if len(rows) > len(length):
+        turns = [turn for turn, used in zip(angular_joints(robot), actuated_mask(robot), strict=True) if used]
+        unitless = jnp.array([*turns, *[True] * (len(rows) - len(turns))])
+        size = jnp.where(unitless, 1 / robot.length, 1)
+        unit = scaled / size[:, None]
+        return (left_inverse(unit.T @ unit) @ unit.T) / size[None] / length[:, None]
     size = safe_sqrt(jnp.sum(scaled**2, axis=1))
     unit = scaled * safe_divide(1, size)[:, None]
     return left_inverse(unit) * safe_divide(1, size)[None] / length[:, None]
