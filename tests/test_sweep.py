@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxscissor._engine.numerics import default_tol
 from tests.calls import calls_of
 from tests.conftest import ALL, exhaustive
 
@@ -105,12 +106,12 @@ def test_under_jit_and_vmap_every_function_gives_what_calls_give(name):
 
 
 def near(one, other, tol=1e-8):
-    """Equal, or floating numbers equal but for rounding relative to the greatest of them."""
+    """Equal, or floating numbers equal but for rounding relative to the greatest of them, or left over by a solve."""
     one, other = np.asarray(one), np.asarray(other)
     if one.dtype.kind != "f":
         return np.array_equal(one, other)
-    size = np.max(np.abs(one[np.isfinite(one)]), initial=1e-9)
-    return np.allclose(one, other, rtol=tol, atol=tol * size, equal_nan=True)
+    size = np.max(np.abs(one[np.isfinite(one)]), initial=0)
+    return np.allclose(one, other, rtol=tol, atol=max(tol * size, default_tol(float)), equal_nan=True)
 
 
 @pytest.mark.exhaustive

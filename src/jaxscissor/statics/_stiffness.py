@@ -72,7 +72,8 @@ def stiffness(
 
     Returns:
       ``Stiffness``. Of a robot with constraints on the pose, motions that they forbid have no compliance, and in the
-      matrix no stiffness: it is the one along the motions that are left.
+      matrix no stiffness: it is the one along the motions that are left, at right angles to those forbidden with a turn
+      by one radian as long as the robot's length.
 
     Raises:
       ValueError: wrong shapes; a robot with more or fewer actuated joints than freedoms; a section and legs without
@@ -96,6 +97,9 @@ def stiffness(
     if case.section is not None:
         bars = bar_compliance(case, state, case.section)
         compliance, ok = compliance + bars.per_wrench, ok & bars.regular
-    matrix = bordered_inverse(jnp.where(ok, compliance, 0), bound)[:count, :count]
+    # which wrenches count as those of the constraints alone depends on what a turn is in units of length
+    unit = jnp.where(jnp.arange(count) < case.robot.space.translations, 1, case.robot.length)
+    both = unit[:, None] * unit[None]
+    matrix = both * bordered_inverse(jnp.where(ok, compliance, 0) * both, bound / unit[None])[:count, :count]
     status = jnp.where(state.usable & ~ok, Status.SINGULAR, state.status).astype(jnp.int32)
     return Stiffness(jnp.where(ok, matrix, jnp.nan), jnp.where(ok, compliance, jnp.nan), status)
