@@ -120,10 +120,10 @@ class Hexaglide(Linkage):
 
     @classmethod
     def prototype(cls) -> Hexaglide:
-        """Three pairs of rails, the middle one above the others, rods of 0.7 m."""
-        rails = [[-0.4, 0.0], [-0.4, 0.0], [0.0, 0.3], [0.0, 0.3], [0.4, 0.0], [0.4, 0.0]]
-        corners = [[-0.05, -0.1, 0], [-0.1, 0.02, 0.05], [-0.05, 0.1, 0]]
-        return cls(rails, [[sign * x, y, z] for x, y, z in corners for sign in (1, -1)], 0.7, 0.5)
+        """Three pairs of rails, 0.45 m and 0.35 m apart, rods of 0.7 m."""
+        rails = [[y, 0.0] for y in (-0.35, 0.1, 0.45) for _ in range(2)]
+        corners = [[sign * x, y, 0.0] for x, y in ((0.02, -0.18), (-0.2, 0.18), (0.2, -0.03)) for sign in (1, -1)]
+        return cls(rails, corners, 0.7, 0.35)
 
     def home_pose(self) -> jax.Array:
         """Over the origin, not turned."""
