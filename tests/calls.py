@@ -94,7 +94,6 @@ def calls_of(robot):
         "calibration.identifiability": partial(js.calibration.identifiability, robot, rows, **known),
         "calibration.next_poses": partial(js.calibration.next_poses, robot, poses[:8], count=2, **known),
         "per_leg": lambda: js.per_leg(robot).home(),
-        "singularities.surface": partial(js.singularities.surface, robot, cube, (2, 2, 2)),
         "design.optimize": partial(js.design.optimize, parabola, 0.5, bounds=(0.0, 1.0), steps=3, starts=2),
         "design.pareto_front": partial(
             js.design.pareto_front, [parabola, other_parabola], 0.3, bounds=(-2.0, 2.0), steps=3, designs=4
@@ -109,6 +108,8 @@ def calls_of(robot):
         found["statics.velocity_capability"] = partial(js.statics.velocity_capability, robot, pose, speed_limit=speed)
         found["singularities.distance"] = partial(js.singularities.distance, robot, pose, directions=64, steps=4)
         found["distance along a direction"] = partial(js.singularities.distance, robot, pose, direction=along)
+    if d > 2:
+        found["singularities.surface"] = partial(js.singularities.surface, robot, cube, (2, 2, 2))
     if "z" in robot.space.names:
         found["calibration.heights"] = partial(js.calibration.heights, robot, pose)
         found["workspace.height_range"] = partial(js.workspace.height_range, robot)

@@ -74,8 +74,8 @@ def universal(skew):
     return js.robots.linkage(chains, [0, 0, 0.8, 0, 0, 0], dependent=("roll", "pitch", "yaw"))
 
 
-ROBOTS = {"RR*R": lambda: planar(1), "R*RP": carried}
-MORE = {"RR*RS": spatial, "R*RS": three_rrs, "UP*U": lambda: universal(0.2)}
+ROBOTS = {"RR*R": lambda: planar(1)}
+MORE = {"R*RP": carried, "RR*RS": spatial, "R*RS": three_rrs, "UP*U": lambda: universal(0.2)}
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, *exhaustive(*MORE)])
@@ -124,7 +124,7 @@ def test_universal_joints_keep_the_twist_of_their_legs():
 
     for chain in robot.chains():
         low, high = (np.array(joint.point) for joint in chain.joints[::2])
-        axes = np.asarray(chain.joints[0].axis), np.asarray(chain.joints[2].second)
+        axes = np.array(chain.joints[0].axis), np.array(chain.joints[2].second)
         there = np.asarray(pose.value)[:3] + turned.apply(high - [0, 0, 0.8])
         assert twist(axes[0], turned.apply(axes[1]), there - low) == pytest.approx(twist(*axes, high - low), abs=1e-12)
 

@@ -46,6 +46,9 @@ def robot(request):
     return (CASES | MORE)[request.param]()
 
 
+whole = pytest.mark.parametrize("robot", ["delta", *exhaustive("TSE", *MORE)], indirect=True)
+
+
 def carried(robot, base, pose):
     """The pose of the robot's own frame in the world, by SciPy."""
     frame, turned = js.frame(robot, pose), matrix(base)
@@ -55,6 +58,7 @@ def carried(robot, base, pose):
     return js.pose(robot, place, matrix=whole)
 
 
+@whole
 def test_a_mounted_robot_does_what_it_did(robot, rng):
     base = base_of(robot)
     there = js.robots.mounted(robot, base)

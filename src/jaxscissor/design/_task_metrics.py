@@ -26,7 +26,8 @@ class TaskMetrics:
 
     Attributes:
       margin: least feasibility margin; the task is covered where it is >= 0.
-      conditioning: least ratio of the smallest to the largest translational gear ratio, between 0 and 1.
+      conditioning: least ratio of the smallest to the largest translational gear ratio, between 0 and 1; of a robot that
+        only turns, of the rotational ones.
       type1, type2: least sizes of the singularity measures.
       least_joints, greatest_joints: ``(n,)`` what the task needs of every joint.
       footprint: largest horizontal distance of a bar from the base frame's origin.
@@ -76,7 +77,8 @@ def _all_measures(robot: Mechanism, pose: jax.Array) -> jax.Array:
     pose = jnp.where(whole.converged, whole.value, lax.stop_gradient(robot.home()[0]))
     solution = inverse_kinematics(robot, pose)
     singular = measures(robot, pose)
-    gears = gear_ratios(robot, pose).translation
+    ratios = gear_ratios(robot, pose)
+    gears = ratios.translation if robot.space.translations else ratios.rotation
     type1, reach = jnp.min(jnp.abs(singular.type1)), _horizontal_reach(robot, pose, solution.value)
     scalars = jnp.stack([gears[0] / gears[-1], type1, jnp.abs(singular.type2), -reach])
     found = jnp.concatenate([scalars, solution.value, -solution.value])
