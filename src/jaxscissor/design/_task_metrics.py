@@ -26,8 +26,8 @@ class TaskMetrics:
 
     Attributes:
       margin: least feasibility margin; the task is covered where it is >= 0.
-      conditioning: least ratio of the smallest to the largest translational gear ratio, between 0 and 1; of a robot that
-        only turns, of the rotational ones.
+      conditioning: least ratio of the smallest to the largest translational gear ratio, between 0 and 1; of a robot
+        that only turns, of the rotational ones.
       type1, type2: least sizes of the singularity measures.
       least_joints, greatest_joints: ``(n,)`` what the task needs of every joint.
       footprint: largest horizontal distance of a bar from the base frame's origin.
