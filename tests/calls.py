@@ -106,8 +106,8 @@ def calls_of(robot):
         force, speed = 100 * lever, size / lever
         found["statics.force_capability"] = partial(js.statics.force_capability, robot, pose, force_limit=force)
         found["statics.velocity_capability"] = partial(js.statics.velocity_capability, robot, pose, speed_limit=speed)
-        found["singularities.distance"] = partial(js.singularities.distance, robot, pose, directions=64, steps=4)
-        found["distance along a direction"] = partial(js.singularities.distance, robot, pose, direction=along)
+    found["singularities.distance"] = partial(js.singularities.distance, robot, pose, directions=64, steps=4)
+    found["distance along a direction"] = partial(js.singularities.distance, robot, pose, direction=along)
     if d > 2:
         found["singularities.surface"] = partial(js.singularities.surface, robot, cube, (2, 2, 2))
     if "z" in robot.space.names:

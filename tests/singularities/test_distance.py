@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import jaxscissor as js
+from tests.bound_robots import ThreeUPU
 from tests.conftest import ALL, exhaustive
 from tests.toys import ThreePRS
 
@@ -121,9 +123,39 @@ def test_unreachable_poses_and_short_reaches_are_told():
     assert jnp.isinf(still.distance)
 
 
-def test_bound_poses_and_wrong_shapes_are_refused():
-    with pytest.raises(ValueError, match="bound by constraints"):
-        js.singularities.distance(ThreePRS.example(), ThreePRS.example().home()[0])
+def test_a_bound_platform_is_loose_where_its_constraints_end():
+    """The 3-UPU's constraints depend on each other on a circle, which is the nearest of its singularities."""
+    robot = ThreeUPU(0.5, 0.25)
+    pose = jnp.array([0.3, 0.1, 0.8, 0.0, 0.0, 0.0])
+    found = js.singularities.distance(robot, pose, directions=64)
+    assert int(found.kind) == 2
+    assert float(found.distance) == pytest.approx(0.5 - np.hypot(0.3, 0.1), rel=1e-6)
+    assert np.hypot(*found.pose[:2]) == pytest.approx(0.5, rel=1e-6)
+
+
+def test_along_a_tilt_a_bound_platform_is_singular_where_its_measure_is_zero():
+    robot = ThreePRS.example()
+    pose, tilt = robot.home()[0], jnp.eye(6)[4]
+
+    def measure(angle):
+        there = js.constrained_pose(robot, pose + angle * tilt).value
+        found = js.singularities.measures(robot, there)
+        return np.array([*found.type1, found.type2])
+
+    first = js.singularities.distance(robot, pose, direction=tilt)
+    assert int(first.kind) in (1, 2)
+    number = int(first.leg) if int(first.kind) == 1 else 3
+    root = brentq(lambda angle: measure(angle)[number], 0.5 * float(first.rotation), 1.2 * float(first.rotation))
+    assert float(first.rotation) == pytest.approx(root, rel=1e-6)
+    signs = np.sign([measure(angle) for angle in np.linspace(0, 0.999 * root, 12)])
+    assert (signs == signs[0]).all()  # none before
+
+
+def test_wrong_shapes_and_constraints_without_names_are_refused():
+    with pytest.raises(ValueError, match="names in dependent"):
+        robot = ThreePRS.example()
+        nameless = js.pytree(type("Nameless", (ThreePRS,), {"dependent": (), "__doc__": ""}))
+        js.singularities.distance(nameless(robot.rod, robot.top_radius), robot.home()[0])
     with pytest.raises(ValueError, match="expected a twist"):
         js.singularities.distance(js.NavaroII.prototype(), jnp.zeros(3), direction=jnp.zeros(6))
 

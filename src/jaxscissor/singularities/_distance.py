@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxscissor._engine.cpu.fence import fence
@@ -16,12 +17,14 @@ from jaxscissor._engine.programs import one_pose, program
 from jaxscissor._engine.pytree import as_arrays, as_floats, pytree
 from jaxscissor._engine.types import JointsLike, Number, PoseLike, TwistLike
 from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.kinematics._constraints import constrained_pose
 from jaxscissor.kinematics._inverse import inverse_kinematics
 from jaxscissor.kinematics._legs import place, solve_legs
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.regions._regions import Box
 from jaxscissor.robots._contract import (
     Mechanism,
+    checked_freedoms,
     checked_joints,
     checked_pose,
     closure,
@@ -44,7 +47,7 @@ class SingularityDistance:
       distance: root of the squared translation and the squared rotation times ``angle_length``; infinite if no
         singularity lies within ``max_distance``.
       translation: ``()``, in the robot's unit of length.
-      rotation: ``()`` angle in radians.
+      rotation: ``()`` angle in radians; of a robot with constraints both are of the coordinates that are not dependent.
       pose, joints: ``(d,)`` and ``(n,)``, the singular configuration; the given one if there is none.
       kind: 1 or 2, the type of the singularity; 0 if there is none.
       leg: the leg of a type-1 singularity, else -1.
@@ -83,10 +86,14 @@ def distance(
     than home's is kept, and the end of the way is narrowed down by bisection. Two singularities of one kind closer
     than a step can be missed. Limits of the joints do not count, and may be nearer.
 
+    A robot with constraints on its pose moves along the coordinates that are not ``dependent``, which the constraints
+    complete; these are what is walked along and measured. Where the constraints end, the platform is loose.
+
     Args:
       robot: the robot.
-      pose: ``(d,)``.
-      direction: ``(d,)`` twist (velocity, angular velocity) in the base frame, of any length but zero. Default: all.
+      pose: ``(d,)``; of a robot with constraints one that meets them.
+      direction: ``(d,)`` twist (velocity, angular velocity) in the base frame, of any length but zero; of a robot with
+        constraints rates of its coordinates, of which the dependent ones do not count. Default: all.
       max_distance: how far to look. Default: the robot's length.
       joints: ``(n,)`` where the working mode is not home's.
       angle_length: length that a turn by one radian counts as. Default: the robot's length.
@@ -97,7 +104,8 @@ def distance(
       ``singularities.SingularityDistance``, without derivatives.
 
     Raises:
-      ValueError: wrong shapes, or a robot whose pose is bound by constraints.
+      ValueError: wrong shapes, a robot with constraints that names no ``dependent`` coordinates, or one with more or
+        fewer actuated joints than freedoms.
 
     Example:
       >>> import jaxscissor as js
@@ -131,7 +139,7 @@ def _first_along(
     (direction,) = as_arrays(direction)
     if direction.shape != pose.shape:
         raise ValueError(f"Got a direction of shape {direction.shape}; expected a twist of shape {pose.shape}.")
-    direction = direction.astype(pose.dtype)
+    direction = direction.astype(pose.dtype)[jnp.array(_free(robot))]
     return _along(robot, pose, direction, far, where, angle, jnp.asarray(steps))
 
 
@@ -158,8 +166,12 @@ def _checked(
     angle_length: Number | None,
 ) -> tuple[Mechanism, jax.Array, jax.Array | None, Scalar, Scalar]:
     robot, pose = checked_pose(robot, pose)
-    if constraints_on(robot, *robot.space.place(pose)):
-        raise ValueError(f"The pose of {type(robot).__name__} is bound by constraints; there is no free direction.")
+    checked_freedoms(robot)
+    if not robot.dependent and constraints_on(robot, *robot.space.place(pose)):
+        raise ValueError(
+            f"Got a {type(robot).__name__} with constraints on its pose; expected that it names in dependent the "
+            "coordinates that they determine."
+        )
     if joints is not None:
         joints = checked_joints(robot, joints)
     max_distance = robot.length if max_distance is None else max_distance
@@ -168,7 +180,7 @@ def _checked(
 
 
 class _Start(NamedTuple):
-    """Where walks begin, and what a unit of each coordinate of a twist counts as."""
+    """Where walks begin, and what a unit of each free coordinate of a twist counts as."""
 
     pose: jax.Array
     position: Vec
@@ -181,8 +193,8 @@ class _Walk(NamedTuple):
     """End of a walk; the normal of the locus there."""
 
     distance: Scalar
-    step: jax.Array  # (d,) from the start, in lengths
-    normal: jax.Array  # (d,)
+    step: jax.Array  # (free,) from the start, in lengths
+    normal: jax.Array  # (free,)
     joints: jax.Array
     kind: Scalar
     leg: Scalar
@@ -190,7 +202,7 @@ class _Walk(NamedTuple):
 
 def _start(robot: Mechanism, pose: jax.Array, joints: jax.Array | None, angle_length: Scalar) -> tuple[_Start, Scalar]:
     solution = inverse_kinematics(robot, pose, guess=joints)
-    metric = jnp.where(jnp.arange(robot.space.dimension) < robot.space.translations, 1, angle_length)
+    metric = jnp.where(jnp.array(_free(robot)) < robot.space.translations, 1, angle_length)
     return _Start(pose, *robot.space.place(pose), solution.value, metric), solution.status
 
 
@@ -229,9 +241,9 @@ def _in_all_directions(
         (robot, pose, max_distance, joints, angle_length)
     )
     start, status = _start(robot, pose, joints, angle_length)
-    tries, size = len(_SHARES), pose.shape[0]
+    tries, size = len(_SHARES), len(_free(robot))
     rounds = -(-directions // (tries * _SLOTS))
-    spread = _spread(rounds * tries * _SLOTS, pose).reshape(rounds, tries, _SLOTS, size)
+    spread = _spread(rounds * tries * _SLOTS, start.metric).reshape(rounds, tries, _SLOTS, size)
     shares = jnp.asarray(_SHARES, pose.dtype)[:, None, None]
 
     def improve(number: jax.Array, walks: _Walk):
@@ -259,11 +271,10 @@ def _unit(vectors: jax.Array) -> jax.Array:
     return vectors * safe_divide(1, jnp.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def _spread(count: int, pose: jax.Array) -> jax.Array:
+def _spread(count: int, metric: jax.Array) -> jax.Array:
     """Evenly spread directions, those of the axes first."""
-    size = pose.shape[0]
-    axes = jnp.eye(size, dtype=pose.dtype)
-    cube = Box(jnp.zeros_like(pose), jnp.ones_like(pose)).quasi_random(count)[:]
+    axes = jnp.eye(len(metric), dtype=metric.dtype)
+    cube = Box(jnp.zeros_like(metric), jnp.ones_like(metric)).quasi_random(count)[:]
     return jnp.concatenate([axes, -axes, jax.scipy.special.ndtri(cube)])[:count]
 
 
@@ -341,7 +352,7 @@ def _walk(robot: Mechanism, start: _Start, direction: jax.Array, max_distance: S
     type2 = jnp.all(way.kept)
     leg = jnp.argmin(way.kept).astype(jnp.int32)
     step = way.low * direction
-    slope = way.probes[:size] - way.probes[size:]
+    slope = jnp.nan_to_num(way.probes[:size] - way.probes[size:])
     normal = jnp.where(type2, slope, _edge_normal(robot, start, step, way.seen, leg))
     return _Walk(
         distance=jnp.where(way.found, way.low, jnp.inf),
@@ -354,43 +365,53 @@ def _walk(robot: Mechanism, start: _Start, direction: jax.Array, max_distance: S
 
 
 def _look(robot: Mechanism, start: _Start, step: jax.Array, joints: jax.Array) -> _Seen:
-    pose = jnp.stack(robot.space.coordinates(*_moved(robot, start, step)))
+    (position, rotation), met = _moved(robot, start, step)
+    pose = jnp.stack(robot.space.coordinates(position, rotation))
     placed = place(robot, pose)
     legs, _ = solve_legs(robot, placed, joints, default_tol(pose.dtype), _NEWTON_STEPS)
     joints = joints_together(robot, legs.value)
     matrix = fence(closure_matrix(robot, placed.position, placed.rotation, joints))  # every minor reads it
     d = robot.space.dimension
-    type1 = jnp.stack([small_determinant(_own(matrix, jnp.array(c) - d)) for c in leg_columns(robot)])
+    type1 = jnp.stack([small_determinant(_own(matrix, jnp.array(c) - d, d)) for c in leg_columns(robot)])
     type2 = small_determinant(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])
+    type2 = jnp.where(met, type2, jnp.nan)  # of no sign: the walk ends where the constraints do
     return _Seen(joints, legs.converged, jnp.sign(type1), type2, matrix)
 
 
-def _own(matrix: jax.Array, places: jax.Array) -> jax.Array:
+def _own(matrix: jax.Array, places: jax.Array, dimension: int) -> jax.Array:
     """A leg's equations by its own joints."""
-    d = matrix.shape[1] - matrix.shape[0]
-    return matrix[places][:, places + d]
+    return matrix[places][:, places + dimension]
 
 
-def _moved(robot: Mechanism, start: _Start, step: jax.Array) -> tuple[Vec, Rotation]:
-    return robot.space.retract(start.position, start.rotation, tuple(step / start.metric))
+def _free(robot: Mechanism) -> np.ndarray:
+    """Places of the coordinates that the constraints leave free."""
+    return np.array([i for i, name in enumerate(robot.space.names) if name not in robot.dependent])
+
+
+def _moved(robot: Mechanism, start: _Start, step: jax.Array) -> tuple[tuple[Vec, Rotation], Scalar]:
+    """Where a step leads, along a twist or where coordinates are dependent along the free ones; whether it exists."""
+    if not robot.dependent:
+        return robot.space.retract(start.position, start.rotation, tuple(step / start.metric)), True
+    whole = constrained_pose(robot, start.pose.at[jnp.array(_free(robot))].add(step / start.metric))
+    return robot.space.place(whole.value), whole.converged
 
 
 def _edge_normal(robot: Mechanism, start: _Start, step: jax.Array, seen: _Seen, leg: Scalar) -> jax.Array:
     """Normal of the poses that a leg reaches: A dx + B dq = 0, with u B = 0, leaves u A dx = 0."""
     places = jnp.stack([jnp.array(c) - robot.space.dimension for c in leg_columns(robot)])[leg]
-    left = null_vector(_own(seen.matrix, places).T)
+    left = null_vector(_own(seen.matrix, places, robot.space.dimension).T)
 
     def along(step: jax.Array):
-        return left @ jnp.stack(closure(robot, robot.legs(), seen.joints, *_moved(robot, start, step)))[places]
+        return left @ jnp.stack(closure(robot, robot.legs(), seen.joints, *_moved(robot, start, step)[0]))[places]
 
     return jax.grad(along)(step)
 
 
 def _result(robot: Mechanism, start: _Start, walk: _Walk, status: Scalar) -> SingularityDistance:
-    shift = jnp.arange(start.metric.shape[0]) < robot.space.translations
+    shift = jnp.array(_free(robot)) < robot.space.translations
     twist = walk.step / start.metric
     translation, rotation = (jnp.linalg.norm(jnp.where(part, twist, 0)) for part in (shift, ~shift))
-    reached = jnp.stack(robot.space.coordinates(*_moved(robot, start, walk.step)))
+    reached = jnp.stack(robot.space.coordinates(*_moved(robot, start, walk.step)[0]))
     pose = jnp.where(walk.kind == 0, start.pose, reached)
     known = status == Status.CONVERGED
     distance, translation, rotation = (jnp.where(known, x, jnp.nan) for x in (walk.distance, translation, rotation))
