@@ -51,6 +51,11 @@ def test_numbers_that_are_none_keep_their_bits(tmp_path):
 
 
 @js.pytree
+class Unknown(LinearDelta):
+    """A class that the library has not."""
+
+
+@js.pytree
 class Oddity(js.Mechanism):
     """Every kind of field."""
 
@@ -107,14 +112,30 @@ def test_what_a_file_must_not_hold_is_refused(tmp_path):
     refused("fields \\[1\\]", **with_robot(fields=[1]))
     refused("damaged", **with_robot(fields=1))
     refused("expected what js.export.save writes", **with_robot(fields={**fields, "base": {"eval": "1"}}))
-    refused("two classes of the name", [dataclasses.make_dataclass("Scott", [])])
+    refused("two classes of the name", [dataclasses.make_dataclass("Scott", []) for _ in range(2)])
     refused("with @jaxscissor.pytree", [dict])
     path.write_text("robot")
     with pytest.raises(ValueError, match="no JSON file"):
         js.export.load(path)
-    js.export.save(LinearDelta.example(), path)
-    with pytest.raises(ValueError, match="classes=\\[LinearDelta\\]"):
+    js.export.save(FiveBar(0.1), path)
+    with pytest.raises(ValueError, match=r"fields \['half'\]; expected \['crank'"):
+        js.export.load(path)  # a FiveBar of one's own, and not the library's
+    js.export.save(Unknown.example(), path)
+    with pytest.raises(ValueError, match="classes=\\[Unknown\\]"):
         js.export.load(path)
+
+
+def test_robots_of_chains_and_on_bases_keep_their_spaces(tmp_path):
+    pins = [js.Revolute(None, point, actuated=not i) for i, point in enumerate([(0.0, 0), (0.0, 0.2), (0.1, 0.4)])]
+    chains = [js.Chain(pins), js.Chain(pins)]
+    for robot in (
+        js.robots.linkage(chains, [0.1, 0.4], space=js.robots.R2),
+        js.robots.mounted(js.StewartGough.prototype(), [0.0, 0, 1, 0, 0, 0]),
+        js.robots.ThreeUPU.prototype(),
+    ):
+        again = loaded(robot, tmp_path / "robot.json")
+        assert jax.tree.structure(again) == jax.tree.structure(robot) and again.space == robot.space
+        assert bits(again) == bits(robot)
 
 
 def test_what_no_file_can_hold_is_refused_by_name(tmp_path):

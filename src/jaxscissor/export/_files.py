@@ -19,6 +19,7 @@ from jaxscissor._engine.pytree import unchecked
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.robots._contract import Mechanism
+from jaxscissor.robots._spaces import SE2, SE3
 
 _FORMAT, _VERSION = "jaxscissor", 1
 _DTYPES = ("bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
@@ -56,7 +57,7 @@ def load(path: str | os.PathLike[str], classes: Iterable[type] = ()) -> Any:
 
     Args:
       path: of the file.
-      classes: your own classes of which the robot consists.
+      classes: your own classes of which the robot consists, which go before the library's of the same name.
 
     Returns:
       The robot: same classes, static fields, shapes, dtypes and bits.
@@ -82,7 +83,8 @@ def load(path: str | os.PathLike[str], classes: Iterable[type] = ()) -> Any:
     if not isinstance(state, dict) or (state.get("format"), state.get("version")) != (_FORMAT, _VERSION):
         raise ValueError(f"Got {name!r}; expected a file of format {_FORMAT!r} {_VERSION}, that js.export.save wrote.")
     own = [getattr(robots, name) for name in robots.__all__]
-    known = _by_name([*filter(dataclasses.is_dataclass, own), Vec, Rotation, *classes])
+    own = [cls for cls in own if isinstance(cls, type) and dataclasses.is_dataclass(cls)]
+    known = {**_by_name([*own, Vec, Rotation]), **_by_name(classes)}
     try:
         return _read(state.get("robot"), known)
     except (TypeError, KeyError, AttributeError, OverflowError) as error:
@@ -115,6 +117,8 @@ def _written(value: Any, name: str) -> Any:
         return {type(value).__name__: [_written(part, f"{name}[{i}]") for i, part in enumerate(value)]}
     if type(value) is dict and all(type(key) is str for key in value):
         return {"dict": {key: _written(part, f"{name}[{key!r}]") for key, part in value.items()}}
+    if isinstance(value, type) and value in (SE2, SE3):
+        return {"space": value.__name__}
     cls = type(value)
     if isinstance(value, Vec | Rotation):
         parts = value.components if isinstance(value, Vec) else value.columns
@@ -148,6 +152,7 @@ def _read(value: Any, classes: Mapping[str, Any]) -> Any:
         return classes[value["class"]](*(_read(part, classes) for part in value["parts"]))
     readers = {
         ("float",): lambda part: float(part),
+        ("space",): lambda part: {space.__name__: space for space in (SE2, SE3)}[part],
         ("tuple",): lambda part: tuple(_read(x, classes) for x in part),
         ("list",): lambda part: [_read(x, classes) for x in part],
         ("dict",): lambda part: {key: _read(x, classes) for key, x in part.items()},
