@@ -33,6 +33,7 @@ def calls_of(robot):
     pose = np.asarray(home) + unit / 64
     if robot.dependent:
         pose = np.asarray(js.constrained_pose(robot, pose).value)
+    frame = js.frame(robot, pose)
     joints = js.inverse_kinematics(robot, pose).value  # at home assembly modes are as near as each other
     actuated, along = np.asarray(robot.actuated(joints)), np.eye(d)[linear - 1]
     reach = unit / 8
@@ -62,6 +63,8 @@ def calls_of(robot):
         "feasibility": partial(js.feasibility, robot, pose),
         "margins": partial(js.margins, robot, pose),
         "constrained_pose": partial(js.constrained_pose, robot, pose),
+        "frame": partial(js.frame, robot, pose),
+        "pose": partial(js.pose, robot, frame.position, matrix=frame.matrix),
         "singularities.measures": partial(js.singularities.measures, robot, pose),
         "workspace.reach_along": partial(js.workspace.reach_along, robot, pose, along, cells=8),
         "workspace.joint_range": partial(js.workspace.joint_range, robot, box, samples=16, starts=2),

@@ -28,6 +28,9 @@ MORE = {
     "navaro_mode_6": partial(js.NavaroII.prototype, 6),
     "tri_scott_skewed": tri_scott_skewed,
     "micabo": js.Micabo.prototype,
+    "rotary_hexapod": js.robots.RotaryHexapod.prototype,
+    "hexaglide": js.robots.Hexaglide.prototype,
+    "planar_3rrr": js.robots.Planar3RRR.prototype,
 }
 
 

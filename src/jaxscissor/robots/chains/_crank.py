@@ -12,7 +12,7 @@ from jaxscissor._engine.pytree import pytree, static
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, pinned
 from jaxscissor.robots._contract import Joints, Leg
-from jaxscissor.robots.chains._joints import Revolute, distance, unit
+from jaxscissor.robots.chains._joints import Revolute, crossed, distance, unit
 
 
 @pytree
@@ -105,12 +105,13 @@ class CrankAndRod(Leg):
         return [(self.anchor, self.anchor)]
 
     def connections(self, joints: Joints, attachment: Vec) -> Sequence[Connection]:
-        """A motor, and a rod with balls at both ends, or pins along the motor's axis."""
+        """A motor, and a rod between a universal joint and a ball, or pins along the axis of the motor."""
         zero = jnp.zeros_like(self.crank)
         axis = Vec(zero, zero, zero + 1) if self.axis is None else self.axis
         tip = self.tip(joints[0])
         motor = Connection(BASE, 0, self.anchor, (Freedom("turn", axis, joints=(0,)),))
-        knee = pinned(0, 1, tip, axis) if self.guided or self.axis is None else balled(0, 1, tip)
+        pin = self.guided or self.axis is None
+        knee = pinned(0, 1, tip, axis) if pin else Connection(0, 1, tip, crossed(axis, attachment - tip))
         held = pinned(1, PLATFORM, attachment, axis) if self.axis is None else balled(1, PLATFORM, attachment)
         return [motor, knee, held]
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxscissor._engine.numerics import Scalar, safe_sqrt
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, static
 from jaxscissor._engine.vectors import Vec
+from jaxscissor.robots._bodies import Freedom
 
 _NO_LIMITS = (-math.inf, math.inf)
 
@@ -120,6 +121,11 @@ class Spherical(Joint):
 def unit(vector: Vec) -> Vec:
     """The direction of a vector."""
     return vector * (1 / safe_sqrt(vector.dot(vector)))
+
+
+def crossed(axis: Vec, along: Vec) -> tuple[Freedom, Freedom]:
+    """The freedoms of a universal joint at the end of a rod: turns about an axis and across it and the rod."""
+    return Freedom("turn", axis), Freedom("turn", unit(along.cross(axis)))
 
 
 def distance(one: Vec, other: Vec) -> Scalar:

@@ -12,7 +12,7 @@ from jaxscissor._engine.pytree import pytree
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, pinned
 from jaxscissor.robots._contract import Joints, Leg
-from jaxscissor.robots.chains._joints import Prismatic, distance, unit
+from jaxscissor.robots.chains._joints import Prismatic, crossed, distance, unit
 
 
 @pytree
@@ -89,13 +89,14 @@ class SlideAndRod(Leg):
         return [(self.foot + self.direction * ends[0], self.foot + self.direction * ends[1])]
 
     def connections(self, joints: Joints, attachment: Vec) -> Sequence[Connection]:
-        """A slide with a ball or a pin on it, and the same at the platform: pins in the plane, one pin if guided."""
+        """A slide with a universal joint on it, or a pin if the rod is guided, and a ball; in the plane two pins."""
         carriage = self.foot + self.direction * joints[0]
-        turn = Freedom("ball") if self.axis is None else Freedom("turn", self.axis)
-        slide = Connection(BASE, 0, carriage, (Freedom("slide", self.direction, joints=(0,)), turn))
+        slide = Freedom("slide", self.direction, joints=(0,))
         if len(self.foot.components) == 2:
             zero = jnp.zeros_like(self.rod)
             up = Vec(zero, zero, zero + 1)
-            slide = Connection(BASE, 0, carriage, (slide.freedoms[0], Freedom("turn", up)))
-            return [slide, pinned(0, PLATFORM, attachment, up)]
-        return [slide, balled(0, PLATFORM, attachment)]
+            foot = Connection(BASE, 0, carriage, (slide, Freedom("turn", up)))
+            return [foot, pinned(0, PLATFORM, attachment, up)]
+        rod = attachment - carriage
+        turns = crossed(unit(self.direction.cross(rod)), rod) if self.axis is None else (Freedom("turn", self.axis),)
+        return [Connection(BASE, 0, carriage, (slide, *turns)), balled(0, PLATFORM, attachment)]
