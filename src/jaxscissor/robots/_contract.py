@@ -301,19 +301,37 @@ def closure(robot: Mechanism, legs: Any, joints: jax.Array | Joints, position: V
         for (leg,), places, one in zip(one_by_one(legs), joint_places(robot), seen, strict=True)
         for equation in leg.residual(tuple(joints[i] for i in places), one)
     ]
-    return (*equations, *_constraints(robot, legs, seen, position, rotation))
+    of_legs = _of_legs(legs, seen) if _legs_bind(robot) else []
+    return (*equations, *of_legs, *robot.constraints(position, rotation))
 
 
 def constraints_on(robot: Mechanism, position: Vec, rotation: Rotation) -> tuple[Scalar, ...]:
     """All equations among the pose alone: those of each leg, leg by leg, and the robot's own after them."""
-    return _constraints(robot, robot.legs(), _seen_one_by_one(robot, position, rotation), position, rotation)
-
-
-def _constraints(
-    robot: Mechanism, legs: Any, seen: Sequence[Attachment], position: Vec, rotation: Rotation
-) -> tuple[Scalar, ...]:
-    of_legs = [e for (leg,), one in zip(one_by_one(legs), seen, strict=True) for e in leg.constraints(one)]
+    of_legs: list[Scalar] = []
+    if _legs_bind(robot):
+        of_legs = _of_legs(robot.legs(), _seen_one_by_one(robot, position, rotation))
     return (*of_legs, *robot.constraints(position, rotation))
+
+
+def _of_legs(legs: Any, seen: Sequence[Attachment]) -> list[Scalar]:
+    return [e for (leg,), one in zip(one_by_one(legs), seen, strict=True) for e in leg.constraints(one)]
+
+
+def _legs_bind(robot: Mechanism) -> bool:
+    """Whether legs have constraints, asked once per structure: most have none, and would be built for nothing."""
+    leaves, structure = jax.tree.flatten(robot)
+    key = structure, tuple(map(jnp.shape, leaves))
+    if key not in _BINDING:
+
+        def equations(robot: Mechanism, pose: jax.Array) -> list[Scalar]:
+            return _of_legs(robot.legs(), _seen_one_by_one(robot, *robot.space.place(pose)))
+
+        pose = jax.ShapeDtypeStruct((robot.space.dimension,), float_dtype(robot))
+        _BINDING[key] = bool(jax.eval_shape(equations, robot, pose))
+    return _BINDING[key]
+
+
+_BINDING: dict[Any, bool] = {}
 
 
 def checked_pose(robot: Mechanism, pose: PoseLike) -> tuple[Any, jax.Array]:

@@ -41,7 +41,7 @@ class Joint:
 
 @pytree
 class Revolute(Joint):
-    """A pin.
+    """A pin that turns about an axis.
 
     Args:
       axis: ``(3,)`` that it turns about, of any length, in the base frame; ``None`` in the plane.
@@ -63,7 +63,7 @@ class Revolute(Joint):
 
 @pytree
 class Prismatic(Joint):
-    """A slide.
+    """A slide along an axis.
 
     Args:
       axis: ``(3,)`` along which it moves, of any length, in the plane ``(2,)``; in the base frame.
@@ -104,7 +104,7 @@ class Universal(Joint):
 
 @pytree
 class Spherical(Joint):
-    """A ball joint.
+    """A ball joint that turns about a point.
 
     Args:
       point: ``(3,)`` its middle, in the base frame.

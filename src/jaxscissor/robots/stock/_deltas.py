@@ -35,7 +35,7 @@ class RotaryDelta(Linkage):
     Example:
       >>> robot = RotaryDelta.prototype()
       >>> [round(float(x), 3) for x in robot.home()[0]]
-      [0.0, 0.0, -0.77]
+      [0.0, 0.0, -0.773]
     """
 
     base: Any = quantity("m")

@@ -34,7 +34,7 @@ class RotaryHexapod(Linkage):
     Example:
       >>> robot = RotaryHexapod.prototype()
       >>> [round(float(x), 3) for x in robot.home()[0]]
-      [0.0, 0.0, 0.196, 0.0, 0.0, 0.0]
+      [0.0, 0.0, 0.191, 0.0, 0.0, 0.0]
     """
 
     base: Any = quantity("m")

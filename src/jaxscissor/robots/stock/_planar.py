@@ -35,7 +35,7 @@ class FourBar(Linkage):
     Example:
       >>> robot = FourBar.prototype()
       >>> [round(float(x), 3) for x in robot.home()[0]]
-      [1.571]
+      [1.816]
     """
 
     ground: Any = quantity("m")

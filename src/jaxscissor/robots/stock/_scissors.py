@@ -97,7 +97,7 @@ class ScissorLift(Mechanism):
       >>> robot = ScissorLift.prototype()
       >>> pose, width = robot.home()
       >>> f"{float(pose[0]):.3f} {float(width[0]):.3f}"
-      '2.317 0.635'
+      '2.318 0.635'
     """
 
     link_lengths: Any = quantity("m")
