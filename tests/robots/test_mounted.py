@@ -145,7 +145,7 @@ def test_what_cannot_be_mounted_is_refused(prototype):
         js.robots.mounted(prototype, FLAT)
     with pytest.raises(ValueError, match="points and directions"):
         js.robots.mounted(Sideways.example(), BASE)
-    for space, said in ((js.robots.SO3, "free in all translations"), (js.robots.Schoenflies, "upright")):
+    for space, said in ((js.robots.SO3, "free in all translations"), (js.robots.Schoenflies, "about that axis alone")):
         robot = LinearDelta.example()
         kind = js.pytree(type("Other", (LinearDelta,), {"space": space, "__doc__": ""}))
         with pytest.raises(ValueError, match=said):

@@ -253,8 +253,8 @@ def test_the_agile_eye_has_eight_working_modes_and_four_assembly_modes_beside_th
     assert (~trivial).sum() == 4 and trivial.sum() == 4
 
 
-def test_a_3_upu_is_loose_on_a_circle_and_has_other_solutions_than_translations():
-    """Where x^2 + y^2 = (2 (base - platform))^2 its constraints depend on each other [issue of its designers]."""
+def test_a_3_upu_is_loose_on_a_circle():
+    """Where x^2 + y^2 = (2 (base - platform))^2 its constraints depend on each other, whatever its height."""
     robot = js.robots.ThreeUPU.prototype()
     radius = 2 * float(robot.base - robot.platform)
     for angle in (0.3, 2.0):

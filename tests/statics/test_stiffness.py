@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import jaxscissor as js
 from jaxscissor.robots._contract import angular_joints, constraints_on
 from jaxscissor.statics import Load
-from tests.conftest import ALL, exhaustive
+from tests.conftest import ALL, exhaustive, scaled
 from tests.statics.test_balance import poses_near_home, slanted
 from tests.toys import LinearDelta
 
@@ -158,3 +158,16 @@ def test_derivatives_of_sag_and_stiffness_are_differences(rng):
     slope, difference = along(0.0)[1], (along(1e-5)[0] - along(-1e-5)[0]) / 2e-5
     np.testing.assert_allclose(slope, difference, rtol=1e-5, atol=1e-7 * float(jnp.abs(difference).max()))
     assert float(jnp.abs(slope[:3]).min()) > 0
+
+
+def test_the_stiffness_of_a_bound_platform_does_not_know_the_unit_of_length():
+    """Which wrenches count as those of the constraints alone depended on what a turn by one radian is as a length."""
+    matrices = []
+    for unit in (1.0, 1000.0):  # meters and millimeters; forces and so newtons per meter as they were
+        robot = scaled(ALL["three_prs"](), unit)
+        pose = robot.home()[0] + jnp.array([0, 0, 0.01 * unit, 0.05, -0.1, 0])
+        pose = js.constrained_pose(robot, pose).value
+        found = js.statics.stiffness(robot, pose, actuator_stiffness=1e3 / unit)
+        per = np.array([unit] * 3 + [1.0] * 3)  # a displacement is so many units
+        matrices.append(np.asarray(found.matrix) * per[:, None] * per[None] / unit)
+    np.testing.assert_allclose(matrices[1], matrices[0], atol=1e-9 * np.abs(matrices[0]).max())

@@ -80,6 +80,9 @@ class Markers:
 def heights(robot: Mechanism, pose: PoseLike) -> jax.Array:
     """Height of the platform's reference point ``(1,)``, as a probe or a dial gauge measures it.
 
+    Raises:
+      ValueError: a robot whose pose has no z.
+
     Example:
       >>> import jaxscissor as js
       >>> robot = js.TripleScissorExtender.prototype()

@@ -221,8 +221,8 @@ def mounted(robot: Mechanism, base: Numbers) -> Mounted:
     that one's pose as base.
 
     Args:
-      robot: the robot, free in all translations of its space: one with SE3, SE2, R3 or R2, or with Schoenflies
-        motions on an upright base.
+      robot: the robot, free in all translations of its space: one with SE3, SE2, R3 or R2, or with a platform that
+        turns about one axis, on a base turned about the same (of a base that is traced, that is not checked).
       base: ``(6,)`` pose (x, y, z, roll, pitch, yaw) of the robot's base frame in the world, of a planar robot ``(3,)``
         (x, y, alpha).
 
@@ -255,11 +255,12 @@ def mounted(robot: Mechanism, base: Numbers) -> Mounted:
         )
     turns = space.dimension - space.translations
     if 0 < turns < world.dimension - size and is_concrete(base):
-        tilt = jnp.abs(world.place(base)[1].columns[2].z - 1)
-        if tilt > 16 * jnp.finfo(base.dtype).eps:
+        stands = world.place(base)
+        kept = space.place(jnp.stack(space.coordinates(*stands)))[1].array()
+        if jnp.max(jnp.abs(kept - stands[1].array())) > 16 * jnp.finfo(base.dtype).eps:
             raise ValueError(
-                f"Got a base turned to {base[size:]} for a robot whose platform turns about one axis of the world; "
-                "expected an upright one. Give the robot SE3 and constraints on the pose."
+                f"Got a base turned by {base[size:]} for a robot whose platform turns by {space.names[-1]} alone; "
+                "expected one turned about that axis alone. Give the robot SE3 and constraints on the pose."
             )
     return Mounted(robot, base, _points_seen(robot))
 

@@ -52,7 +52,7 @@ def pose(
       quaternion: ``(4,)`` (x, y, z, w), scalar last, as SciPy has it; of any length but zero.
       euler: the sequence and its angles: ``("zyx", (a, b, c))`` turns about the base's z, then its y, then its x;
         ``("ZYX", (a, b, c))`` about the platform's own z, the new y, the new x, as SciPy has it. A pose's own angles
-        are ``("XYZ", (roll, pitch, yaw))``. Not more than one of the three; none is not turned.
+        are ``("XYZ", (roll, pitch, yaw))``. Not more than one of the three; without any the platform is not turned.
 
     Returns:
       ``(d,)``, differentiable; ``nan`` where the robot's space has no such pose, such as a tilted one of a robot that

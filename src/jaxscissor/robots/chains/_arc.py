@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._engine.numerics import Scalar, limit_margins, safe_sqrt
+from jaxscissor._engine.numerics import Scalar, limit_margins
 from jaxscissor._engine.pytree import pytree
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._contract import Joints, Leg
-from jaxscissor.robots.chains._joints import Revolute, unit
+from jaxscissor.robots.chains._joints import Revolute, around, swing, unit
 
 
 @pytree
@@ -24,7 +24,7 @@ class Arc(Leg):
       inner: sine and cosine of the arc from the motor's axis to the middle one.
       outer: cosine of the arc from the middle axis to the platform's.
       elbow: 1 or -1, which of the two solutions home is.
-      limits_of: least and greatest angle from home.
+      stroke: least and greatest angle from home.
     """
 
     axis: Vec
@@ -33,7 +33,7 @@ class Arc(Leg):
     inner: tuple[Scalar, Scalar]
     outer: Scalar
     elbow: Scalar
-    limits_of: tuple[Scalar, Scalar]
+    stroke: tuple[Scalar, Scalar]
 
     actuated = (True,)
     angular = (True,)
@@ -63,24 +63,21 @@ class Arc(Leg):
         sine, cosine = self.inner
         a, b = end.dot(self.along) * sine, end.dot(self.across) * sine
         c = self.outer - end.dot(self.axis) * cosine
-        room = a * a + b * b - c * c
-        return jnp.arctan2(b, a), jnp.arctan2(safe_sqrt(room), c), room
+        return swing(a, b, c)
 
     def start(self, attachment: Vec) -> tuple[Joints, Scalar]:
         """The solution on home's side, within half a turn of home."""
         towards, between, room = self._both(attachment)
-        angle = towards + self.elbow * between
-        return (jnp.arctan2(jnp.sin(angle), jnp.cos(angle)),), room
+        return (around(towards + self.elbow * between),), room
 
     def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
         """Both sides."""
         towards, between, room = self._both(attachment)
-        angles = [towards + sign * between for sign in (self.elbow, -self.elbow)]
-        return [(jnp.arctan2(jnp.sin(angle), jnp.cos(angle)),) for angle in angles], [room >= 0] * 2
+        return [(around(towards + sign * between),) for sign in (self.elbow, -self.elbow)], [room >= 0] * 2
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """The angle within its limits, in radians."""
-        return limit_margins(joints[0], *self.limits_of, 1)
+        return limit_margins(joints[0], *self.stroke, 1)
 
     def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """Both arcs as chords on the unit sphere."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -41,7 +42,6 @@ class Chain:
 
     Example:
       >>> import jaxscissor as js
-      >>> up, outward = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
       >>> motor = js.Revolute(axis=(0.0, 1.0, 0.0), point=(0.2, 0.0, 0.0), actuated=True)
       >>> crank = js.Chain([motor, js.Spherical((0.5, 0.0, 0.0)), js.Spherical((0.05, 0.0, 0.8))])
       >>> crank.letters
@@ -72,7 +72,7 @@ class Chain:
     @property
     def reach(self) -> Scalar:
         """Sum of the distances from joint to joint."""
-        return sum(distance(a.at, b.at) for a, b in zip(self.joints, self.joints[1:], strict=False))
+        return sum(distance(a.at, b.at) for a, b in itertools.pairwise(self.joints))
 
     def sees(self, space: Space) -> Sees:
         """What the chain holds of the platform."""
@@ -148,7 +148,7 @@ class Chain:
             end=self.end,
             frame=home[1] if kind == "frame" else None,
             scale=scale,
-            limits_of=tuple((limits[0], limits[1]) for *_, limits, _ in pins),
+            strokes=tuple((limits[0], limits[1]) for *_, limits, _ in pins),
             kinds=tuple(letter for letter, *_ in pins),
             moved=tuple(actuated for *_, actuated in pins),
         )

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jax import lax
 
-from jaxscissor._engine.numerics import Scalar, limit_margins, safe_sqrt
+from jaxscissor._engine.numerics import Scalar, limit_margins
 from jaxscissor._engine.pytree import pytree, static
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, pinned
 from jaxscissor.robots._contract import Joints, Leg
-from jaxscissor.robots.chains._joints import Revolute, crossed, distance, unit
+from jaxscissor.robots.chains._joints import Revolute, around, distance, swing, unit, universal
 
 
 @pytree
@@ -25,7 +25,7 @@ class CrankAndRod(Leg):
       crank, rod: lengths.
       elbow: 1 or -1, which of the two solutions home is.
       axis: unit vector of the crank, of a robot in space.
-      limits_of: least and greatest angle from home.
+      stroke: least and greatest angle from home.
       guided: whether the rod turns in the plane of the crank, which binds the platform's point to it.
     """
 
@@ -36,7 +36,7 @@ class CrankAndRod(Leg):
     rod: Scalar
     elbow: Scalar
     axis: Vec | None
-    limits_of: tuple[Scalar, Scalar]
+    stroke: tuple[Scalar, Scalar]
     guided: bool = static(default=False)
 
     actuated = (True,)
@@ -72,18 +72,18 @@ class CrankAndRod(Leg):
         bar = point - self.anchor
         a, b = bar.dot(self.along), bar.dot(self.across)
         c = (bar.dot(bar) + self.crank**2 - self.rod**2) / (2 * self.crank)
-        room = a * a + b * b - c * c
-        return jnp.arctan2(b, a), jnp.arctan2(safe_sqrt(room), c), room / (self.crank * self.rod)
+        towards, between, room = swing(a, b, c)
+        return towards, between, room / (self.crank * self.rod)
 
     def start(self, attachment: Vec) -> tuple[Joints, Scalar]:
         """The solution on home's side of the line to the point, within half a turn of home."""
         towards, between, room = self._both(attachment)
-        return (_around(towards + self.elbow * between),), room
+        return (around(towards + self.elbow * between),), room
 
     def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
         """Both sides."""
         towards, between, room = self._both(attachment)
-        return [(_around(towards + sign * between),) for sign in (self.elbow, -self.elbow)], [room >= 0] * 2
+        return [(around(towards + sign * between),) for sign in (self.elbow, -self.elbow)], [room >= 0] * 2
 
     def constraints(self, attachment: Vec) -> Sequence[Scalar]:
         """The point stays in the plane of the crank, if the rod does."""
@@ -93,7 +93,7 @@ class CrankAndRod(Leg):
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """The angle within its limits, in radians."""
-        return limit_margins(joints[0], *self.limits_of, 1)
+        return limit_margins(joints[0], *self.stroke, 1)
 
     def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """Crank and rod."""
@@ -111,11 +111,6 @@ class CrankAndRod(Leg):
         tip = self.tip(joints[0])
         motor = Connection(BASE, 0, self.anchor, (Freedom("turn", axis, joints=(0,)),))
         pin = self.guided or self.axis is None
-        knee = pinned(0, 1, tip, axis) if pin else Connection(0, 1, tip, crossed(axis, attachment - tip))
+        knee = pinned(0, 1, tip, axis) if pin else Connection(0, 1, tip, universal(axis, attachment - tip))
         held = pinned(1, PLATFORM, attachment, axis) if self.axis is None else balled(1, PLATFORM, attachment)
         return [motor, knee, held]
-
-
-def _around(angle: Scalar) -> Scalar:
-    """The angle within half a turn of zero."""
-    return jnp.arctan2(jnp.sin(angle), jnp.cos(angle))

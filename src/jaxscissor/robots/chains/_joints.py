@@ -123,9 +123,20 @@ def unit(vector: Vec) -> Vec:
     return vector * (1 / safe_sqrt(vector.dot(vector)))
 
 
-def crossed(axis: Vec, along: Vec) -> tuple[Freedom, Freedom]:
+def universal(axis: Vec, along: Vec) -> tuple[Freedom, Freedom]:
     """The freedoms of a universal joint at the end of a rod: turns about an axis and across it and the rod."""
     return Freedom("turn", axis), Freedom("turn", unit(along.cross(axis)))
+
+
+def around(angle: Scalar) -> Scalar:
+    """The angle within half a turn of zero."""
+    return jnp.arctan2(jnp.sin(angle), jnp.cos(angle))
+
+
+def swing(a: Scalar, b: Scalar, c: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Both angles x with a cos x + b sin x = c: their middle, half their distance, a^2 + b^2 - c^2, >= 0 if real."""
+    room = a * a + b * b - c * c
+    return jnp.arctan2(b, a), jnp.arctan2(safe_sqrt(room), c), room
 
 
 def distance(one: Vec, other: Vec) -> Scalar:

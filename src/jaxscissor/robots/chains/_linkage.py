@@ -70,18 +70,18 @@ class FromChains(Linkage):
 
     given: tuple[Chain, ...]
     pose: Any
-    kind: Any = static()
-    bound: tuple[str, ...] = static(default=())
+    pose_space: Any = static()
+    pose_dependent: tuple[str, ...] = static(default=())
 
     @property
     def space(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
         """As given."""
-        return self.kind
+        return self.pose_space
 
     @property
     def dependent(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """As given."""
-        return self.bound
+        return self.pose_dependent
 
     def chains(self) -> Sequence[Chain]:
         """As given."""

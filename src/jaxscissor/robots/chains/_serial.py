@@ -27,7 +27,7 @@ class SerialLeg(Leg):
       end: the platform's point at home.
       frame: the platform's rotation at home, where the leg holds it.
       scale: a length, which makes the equations dimensionless.
-      limits_of: least and greatest coordinate of each joint.
+      strokes: least and greatest coordinate of each joint.
       kinds: ``"R"`` or ``"P"`` for each joint.
       moved: which of them actuators move.
     """
@@ -37,7 +37,7 @@ class SerialLeg(Leg):
     end: Vec
     frame: Rotation | None
     scale: Scalar
-    limits_of: tuple[tuple[Scalar, Scalar], ...]
+    strokes: tuple[tuple[Scalar, Scalar], ...]
     kinds: tuple[str, ...] = static()
     moved: tuple[bool, ...] = static()
 
@@ -86,7 +86,7 @@ class SerialLeg(Leg):
     def margins(self, joints: Joints, attachment: Any) -> Sequence[Scalar]:
         """Every joint within its limits, slides in units of the scale."""
         units = [1 if kind == "R" else self.scale for kind in self.kinds]
-        pairs = [limit_margins(q, *ends, u) for q, ends, u in zip(joints, self.limits_of, units, strict=True)]
+        pairs = [limit_margins(q, *ends, u) for q, ends, u in zip(joints, self.strokes, units, strict=True)]
         return [margin for pair in pairs for margin in pair]
 
     def bars(self, joints: Joints, attachment: Any) -> Sequence[tuple[Vec, Vec]]:

@@ -12,7 +12,7 @@ from jaxscissor._engine.pytree import pytree
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, pinned
 from jaxscissor.robots._contract import Joints, Leg
-from jaxscissor.robots.chains._joints import Prismatic, crossed, distance, unit
+from jaxscissor.robots.chains._joints import Prismatic, distance, unit, universal
 
 
 @pytree
@@ -25,7 +25,7 @@ class SlideAndRod(Leg):
       rod: length.
       side: 1 or -1, which of the two solutions home is.
       axis: unit vector about which a guided rod turns, which binds the platform's point to the plane across it.
-      limits_of: least and greatest displacement from home.
+      stroke: least and greatest displacement from home.
     """
 
     foot: Vec
@@ -33,7 +33,7 @@ class SlideAndRod(Leg):
     rod: Scalar
     side: Scalar
     axis: Vec | None
-    limits_of: tuple[Scalar, Scalar]
+    stroke: tuple[Scalar, Scalar]
 
     actuated = (True,)
     limits = ("least displacement", "greatest displacement")
@@ -76,7 +76,7 @@ class SlideAndRod(Leg):
 
     def margins(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """The displacement within its limits, in lengths of the rod."""
-        return limit_margins(joints[0], *self.limits_of, self.rod)
+        return limit_margins(joints[0], *self.stroke, self.rod)
 
     def bars(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The rod."""
@@ -84,7 +84,7 @@ class SlideAndRod(Leg):
 
     def rails(self, joints: Joints, attachment: Vec) -> Sequence[tuple[Vec, Vec]]:
         """The slide between its limits, where there are none as far as a rod from home."""
-        low, high = self.limits_of
+        low, high = self.stroke
         ends = jnp.where(jnp.isfinite(low), low, -self.rod), jnp.where(jnp.isfinite(high), high, self.rod)
         return [(self.foot + self.direction * ends[0], self.foot + self.direction * ends[1])]
 
@@ -98,5 +98,5 @@ class SlideAndRod(Leg):
             foot = Connection(BASE, 0, carriage, (slide, Freedom("turn", up)))
             return [foot, pinned(0, PLATFORM, attachment, up)]
         rod = attachment - carriage
-        turns = crossed(unit(self.direction.cross(rod)), rod) if self.axis is None else (Freedom("turn", self.axis),)
+        turns = universal(unit(self.direction.cross(rod)), rod) if self.axis is None else (Freedom("turn", self.axis),)
         return [Connection(BASE, 0, carriage, (slide, *turns)), balled(0, PLATFORM, attachment)]

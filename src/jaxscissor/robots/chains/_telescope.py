@@ -26,14 +26,14 @@ class Telescope(Leg):
     Attributes:
       anchor: on the base.
       home: length at home.
-      limits_of: least and greatest extension from home.
+      stroke: least and greatest extension from home.
       axis: unit vector of the base's outer axis, of a leg between universal joints.
       twist: sine and cosine of the angle of the inner axes about the leg.
     """
 
     anchor: Vec
     home: Scalar
-    limits_of: tuple[Scalar, Scalar]
+    stroke: tuple[Scalar, Scalar]
     axis: Vec | None = None
     twist: tuple[Scalar, Scalar] | None = None
 
@@ -52,7 +52,7 @@ class Telescope(Leg):
         axis = unit(Vec(*low.axis))
         sine, cosine = _turn(axis, unit(Vec(*high.second)), high.at - low.at)
         size = safe_sqrt(sine**2 + cosine**2)
-        return cls(free.anchor, free.home, free.limits_of, axis, (sine / size, cosine / size))
+        return cls(free.anchor, free.home, free.stroke, axis, (sine / size, cosine / size))
 
     def residual(self, joints: Joints, attachment: Any) -> Joints:
         """Squared distance less squared length, relative to both it and the length at home."""
@@ -80,7 +80,7 @@ class Telescope(Leg):
 
     def margins(self, joints: Joints, attachment: Any) -> Sequence[Scalar]:
         """The extension within its limits, in lengths at home."""
-        return limit_margins(joints[0], *self.limits_of, self.home)
+        return limit_margins(joints[0], *self.stroke, self.home)
 
     def bars(self, joints: Joints, attachment: Any) -> Sequence[tuple[Vec, Vec]]:
         """Cylinder and rod."""
@@ -98,7 +98,7 @@ class Telescope(Leg):
             return ()
         length = self.home + joints[0]
         if len(self.anchor.components) == 3:
-            free = TelescopicLeg(self.anchor, self.home, (0 * self.home, self.limits_of[1]))
+            free = TelescopicLeg(self.anchor, self.home, (0 * self.home, self.stroke[1]))
             return free.connections((length,), attachment)
         zero = jnp.zeros_like(self.home)
         up, joint = Vec(zero, zero, zero + 1), (self.anchor + attachment) * 0.5

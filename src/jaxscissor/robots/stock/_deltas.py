@@ -12,9 +12,8 @@ from jaxscissor._engine.numerics import Scalar, safe_sqrt
 from jaxscissor._engine.pytree import pytree, quantity
 from jaxscissor.robots._subspaces import R3
 from jaxscissor.robots.chains import Chain, Linkage, Prismatic, Revolute, Spherical
-from jaxscissor.robots.stock._places import check_rod, checked, polar
+from jaxscissor.robots.stock._places import THIRDS, check_rod, checked, polar
 
-_THIRDS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
 _DROOP = math.radians(20)  # of the arms at home
 
 
@@ -67,7 +66,7 @@ class RotaryDelta(Linkage):
     def chains(self) -> list[Chain]:
         """Motor, ball at the elbow, ball at the platform."""
         (radius, height), bottom, found = self._knee(), self.home_pose()[2], []
-        for angle in _THIRDS:
+        for angle in THIRDS:
             across = (-math.sin(angle), math.cos(angle), 0.0)  # turning about it moves what is outside down
             motor = Revolute(across, polar(self.base, angle, 0 * self.base), actuated=True)
             elbow, end = polar(radius, angle, height), polar(self.platform, angle, bottom)
@@ -118,7 +117,7 @@ class LinearDelta(Linkage):
         """Carriage, ball on it, ball at the platform."""
         height = safe_sqrt(self.rod**2 - (self.base - self.platform) ** 2)
         found = []
-        for angle in _THIRDS:
+        for angle in THIRDS:
             top, end = polar(self.base, angle, height), polar(self.platform, angle, 0 * height)
             found.append(Chain([Prismatic((0.0, 0.0, 1.0), top, actuated=True), Spherical(top), Spherical(end)]))
         return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +12,9 @@ import numpy as np
 
 from jaxscissor._engine.numerics import Scalar, safe_sqrt
 from jaxscissor._engine.pytree import as_arrays, is_concrete
+
+THIRDS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
+"""Azimuths of three legs."""
 
 
 def polar(radius: Scalar, angle: Any, height: Scalar | None = None) -> tuple[Scalar, ...]:

@@ -14,9 +14,7 @@ from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._spaces import SE3
 from jaxscissor.robots._subspaces import SO3
 from jaxscissor.robots.chains import Chain, Linkage, Prismatic, Revolute, Spherical, Universal
-from jaxscissor.robots.stock._places import check_rod, checked, polar
-
-_THIRDS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
+from jaxscissor.robots.stock._places import THIRDS, check_rod, checked, polar
 
 
 @pytree
@@ -62,7 +60,7 @@ class ThreePRS(Linkage):
     def chains(self) -> list[Chain]:
         """Slide, pin across it, ball."""
         height, found = self.home_pose()[2], []
-        for angle in _THIRDS:
+        for angle in THIRDS:
             foot, end = polar(self.base, angle, 0 * height), polar(self.platform, angle, height)
             slide = Prismatic((math.cos(angle), math.sin(angle), 0.0), foot, actuated=True)
             found.append(Chain([slide, Revolute((-math.sin(angle), math.cos(angle), 0.0), foot), Spherical(end)]))
@@ -112,7 +110,7 @@ class ThreeUPU(Linkage):
     def chains(self) -> list[Chain]:
         """Universal joint, slide along the leg, universal joint."""
         found = []
-        for angle in _THIRDS:
+        for angle in THIRDS:
             low, high = polar(self.base, angle, 0 * self.height), polar(self.platform, angle, self.height)
             along = (-math.sin(angle), math.cos(angle), 0.0)
             leg = Vec(*high) - Vec(*low)
