@@ -85,7 +85,7 @@ class PRSLeg(js.Leg):
         across2 = attachment.dot(attachment) - along**2
         return (along + jnp.sqrt(jnp.maximum(self.rod**2 - across2, 1e-4 * self.rod**2)),), None
 
-    def constraints(self, attachment):
+    def constraints(self, joints, attachment):
         across = js.Vec(-self.slide.y, self.slide.x, 0.0)
         return (attachment.dot(across) / self.rod,)
 

@@ -216,6 +216,30 @@ def inverse(matrix: jax.Array) -> jax.Array:
     return jnp.stack(solve([list(row) for row in matrix], list(jnp.eye(len(matrix), dtype=matrix.dtype))))
 
 
+def complement(rows: jax.Array) -> jax.Array:
+    """Unit vectors ``(n - k, n)`` at right angles to each other and to independent rows ``(k, n)``.
+
+    Gram and Schmidt, twice for each vector. Among what is left of the unit vectors the longest is taken each time.
+    """
+    basis: list[jax.Array] = []
+
+    def rest(vector: jax.Array) -> jax.Array:
+        for _ in range(2):
+            for unit in basis:
+                vector = vector - jnp.outer(vector @ unit, unit).reshape(vector.shape)
+        return vector
+
+    for row in rows:
+        left = rest(row)
+        basis.append(left / jnp.sqrt(jnp.sum(left**2)))
+    count, size = rows.shape
+    for _ in range(size - count):
+        left = rest(jnp.eye(size, dtype=rows.dtype))
+        longest = left[jnp.argmax(jnp.sum(left**2, axis=1))]
+        basis.append(longest / jnp.sqrt(jnp.sum(longest**2)))
+    return jnp.stack(basis[count:])
+
+
 @jax.custom_jvp
 def singular_values(matrix: jax.Array) -> jax.Array:
     """Singular values of a small matrix ``(m, n)`` with ``m >= n``, largest first."""

@@ -81,12 +81,13 @@ def _solve(robot: Mechanism, pose: jax.Array, guess: jax.Array | None, tol: Scal
     placed = place(robot, pose)
     legs, status = solve_legs_only(robot, placed, guess, tol, max_steps)
     status, norms = jnp.max(status), [*legs.norm]
-    constraints = constraints_on(robot, placed.position, placed.rotation)
+    joints = joints_together(robot, legs.value)
+    constraints = constraints_on(robot, placed.position, placed.rotation, joints)
     if constraints:
         norms.append(norm(constraints))
         status = jnp.where(norms[-1] <= tol, status, jnp.maximum(status, Status.NO_SOLUTION))
     return Solution(
-        value=jnp.where(placed.finite, joints_together(robot, legs.value), jnp.nan),
+        value=jnp.where(placed.finite, joints, jnp.nan),
         status=jnp.where(placed.finite, status, Status.NONFINITE).astype(jnp.int32),
         residual_norm=jnp.where(placed.finite, norm(norms), jnp.nan),
         num_steps=jnp.max(legs.steps),

@@ -15,6 +15,7 @@ from jaxscissor._engine.types import Number
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.robots._contract import (
+    MAX_STEPS,
     Attachment,
     Joints,
     Leg,
@@ -26,8 +27,6 @@ from jaxscissor.robots._contract import (
     seen_by_legs,
 )
 from jaxscissor.robots._over_legs import over_legs
-
-MAX_STEPS = 30
 
 
 class LegResult(NamedTuple):

@@ -1,7 +1,8 @@
 """Robots, one file or folder per family, the elements they are made of, and the contract that they fulfil."""
 
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom
-from jaxscissor.robots._contract import Leg, Mechanism
+from jaxscissor.robots._contract import Leg, LegKind, Mechanism
+from jaxscissor.robots._kinds import LegOfAnyKind
 from jaxscissor.robots._mounted import Mounted, MountedLeg, mounted
 from jaxscissor.robots._navaro import NavaroII
 from jaxscissor.robots._per_leg import PerLeg, per_leg
@@ -68,6 +69,8 @@ __all__ = [
     "FromChains",
     "Hexaglide",
     "Leg",
+    "LegKind",
+    "LegOfAnyKind",
     "LinearDelta",
     "Linkage",
     "Mechanism",

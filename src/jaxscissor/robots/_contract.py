@@ -11,15 +11,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxscissor._engine.matrices import determinant
-from jaxscissor._engine.newton import implicit, value_and_jacobian
-from jaxscissor._engine.numerics import Scalar
+from jaxscissor._engine.newton import implicit, newton, value_and_jacobian
+from jaxscissor._engine.numerics import Scalar, default_tol
 from jaxscissor._engine.pytree import as_floats, float_dtype, is_concrete
 from jaxscissor._engine.types import JointsLike, PoseLike
 from jaxscissor._engine.vectors import Rotation, Vec
@@ -29,7 +30,18 @@ from jaxscissor.robots._over_legs import one_by_one, over_legs
 from jaxscissor.robots._spaces import Space
 
 Joints = tuple[Scalar, ...]  # the joint coordinates of one leg
+MAX_STEPS = 30
+"""Newton steps of a leg before giving up."""
+
 Attachment = Any  # what a leg sees of the platform: a point, a point and an axis, ...; pictures take the first point
+
+
+class LegKind(NamedTuple):
+    """What is fixed about one of several stacked legs that are of different kinds."""
+
+    actuated: tuple[bool, ...]  # one entry per joint
+    angular: tuple[bool, ...]
+    constraints: int  # how many of those that the stacked legs state are its own, the first ones
 
 
 class Leg:
@@ -39,10 +51,15 @@ class Leg:
     angular: ClassVar[tuple[bool, ...] | None] = None
     """Which joints are angles; ``None``: all are lengths. A wrong flag changes gear ratios, and no check can see it."""
     limits: ClassVar[tuple[str, ...] | None] = None  # names of the margins, for reports; None: they are numbered
+    each: ClassVar[tuple[LegKind, ...] | None] = None  # of stacked legs of different kinds, what each of them has
 
     def __init_subclass__(cls, **kwargs: Any):
         super().__init_subclass__(**kwargs)
         check_methods(cls, LEG)
+
+    def alone(self, number: int) -> Leg:
+        """The leg, which was this one of stacked legs, where that says of which kind it is. Default: itself."""
+        return self
 
     def residual(self, joints: Joints, attachment: Attachment) -> Joints:
         """Closure equations, as many as joints, dimensionless and of order one."""
@@ -61,11 +78,12 @@ class Leg:
         """Signed distances to the limits, dimensionless, >= 0 where feasible. Default: no limits."""
         return ()
 
-    def constraints(self, attachment: Attachment) -> Sequence[Scalar]:
-        """Equations that the leg's guides impose on what it sees, whatever its joints. Default: none.
+    def constraints(self, joints: Joints, attachment: Attachment) -> Sequence[Scalar]:
+        """Equations that the leg imposes on what it sees besides those that its joints solve. Default: none.
 
-        Dimensionless and of order one, as many for each leg. Their dimensions are the leg's own, so that
-        ``design.tolerances`` and calibration see those of every leg.
+        Dimensionless and of order one, as many for each leg. They may depend on the joints, as does a plane that
+        turns with the first of them. Their dimensions are the leg's own, so that ``design.tolerances`` and calibration
+        see those of every leg.
         """
         return ()
 
@@ -142,6 +160,8 @@ class Mechanism:
     def actuation(self) -> tuple[tuple[bool, ...], ...]:
         """Which joints of each leg are actuated. Default: as the leg's class says."""
         stacked = self.legs()
+        if stacked.each is not None:
+            return tuple(kind.actuated for kind in stacked.each)
         return (actuated_flags(stacked),) * jax.tree.leaves(stacked)[0].shape[0]
 
     def actuated(self, joints: JointsLike) -> jax.Array:
@@ -199,10 +219,13 @@ _ACTUATIONS: dict[Any, tuple[tuple[bool, ...], ...]] = {}
 
 
 def joint_places(robot: Mechanism) -> np.ndarray:
-    """For every leg, where its joints stand in the array of all joints, ``(legs, joints of a leg)``."""
-    legs, own = len(actuation(robot)), len(actuation(robot)[0])
-    order = range(legs * own) if robot.joint_order is None else robot.joint_order
-    return np.array(order).reshape(legs, own)
+    """For every leg, where its joints stand in the array of all joints, ``(legs, joints of a leg)``.
+
+    Legs of fewer joints than others are filled up with -1.
+    """
+    counts = [len(leg) for leg in actuation(robot)]
+    order = iter(range(sum(counts)) if robot.joint_order is None else robot.joint_order)
+    return np.array([[next(order) if i < count else -1 for i in range(max(counts))] for count in counts])
 
 
 def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
@@ -212,35 +235,57 @@ def actuated_mask(robot: Mechanism) -> tuple[bool, ...]:
 
 def angular_joints(robot: Mechanism) -> tuple[bool, ...]:
     """Which entries of the array of all joints are angles."""
-    own = robot.legs().angular or (False,) * len(actuation(robot)[0])
-    return _by_place(robot, [own] * len(actuation(robot)))
+    return _by_place(robot, angular_by_leg(robot))
+
+
+def angular_by_leg(robot: Mechanism) -> list[tuple[bool, ...]]:
+    """Which joints of each leg are angles."""
+    legs = robot.legs()
+    if legs.each is not None:
+        return [kind.angular for kind in legs.each]
+    return [legs.angular or (False,) * len(leg) for leg in actuation(robot)]
 
 
 def _by_place(robot: Mechanism, flags: Sequence[Sequence[bool]]) -> tuple[bool, ...]:
     """Flags given leg by leg, in the order of the array of all joints."""
-    return tuple(np.array(flags).ravel()[np.argsort(joint_places(robot), axis=None)].tolist())
+    return tuple(np.concatenate([np.array(leg, bool) for leg in flags])[np.argsort(_places_in_turn(robot))].tolist())
+
+
+def _places_in_turn(robot: Mechanism) -> np.ndarray:
+    """Where the joints stand in the array of all joints, leg by leg."""
+    places = joint_places(robot)
+    return places[places >= 0]
 
 
 def joints_by_leg(robot: Mechanism, joints: jax.Array | Joints) -> Joints:
-    """The first joint of every leg ``(legs,)``, the second one of every leg, ..., from the array of all joints."""
-    places = joint_places(robot)
-    if len(joints) != places.size:
-        raise ValueError(f"Got {len(joints)} joints of a {type(robot).__name__}, whose legs have {places.size}.")
-    return tuple(jnp.stack([joints[i] for i in column]) for column in places.T)
+    """The first joint of every leg ``(legs,)``, the second one of every leg, ..., from the array of all joints.
+
+    A joint that a leg does not have is zero.
+    """
+    places, count = joint_places(robot), len(_places_in_turn(robot))
+    if len(joints) != count:
+        raise ValueError(f"Got {len(joints)} joints of a {type(robot).__name__}, whose legs have {count}.")
+    zero = jnp.zeros_like(joints[0])
+    return tuple(jnp.stack([joints[i] if i >= 0 else zero for i in column]) for column in places.T)
 
 
 def joints_together(robot: Mechanism, joints: Joints) -> jax.Array:
     """The array of all joints, or of a row for each, from those of every leg ``(legs,)``."""
     together = jnp.stack(joints, axis=1)
     together = together.reshape(-1, *together.shape[2:])
-    if robot.joint_order is None:
-        return together
-    return jnp.stack([together[i] for i in np.argsort(joint_places(robot), axis=None)])
+    places = joint_places(robot).ravel()
+    here = np.flatnonzero(places >= 0)
+    order = here[np.argsort(places[here])]
+    return together if np.array_equal(order, np.arange(places.size)) else jnp.stack([together[i] for i in order])
 
 
 def seen_by_legs(robot: Mechanism, position: Vec, rotation: Rotation) -> Attachment:
     """What the legs see of the platform, stacked as they are."""
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *_seen_one_by_one(robot, position, rotation))
+    return _stacked(_seen_one_by_one(robot, position, rotation))
+
+
+def _stacked(seen: Sequence[Attachment]) -> Attachment:
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *seen)
 
 
 def _seen_one_by_one(robot: Mechanism, position: Vec, rotation: Rotation) -> Sequence[Attachment]:
@@ -295,26 +340,47 @@ def differentiable_roots(legs: Any, seen: Attachment, roots: Joints, ok: Scalar)
 
 def closure(robot: Mechanism, legs: Any, joints: jax.Array | Joints, position: Vec, rotation: Rotation) -> Joints:
     """All closure equations, leg by leg, and the constraints on the pose after them."""
-    seen = _seen_one_by_one(robot, position, rotation)
-    equations = [
-        equation
-        for (leg,), places, one in zip(one_by_one(legs), joint_places(robot), seen, strict=True)
-        for equation in leg.residual(tuple(joints[i] for i in places), one)
-    ]
-    of_legs = _of_legs(legs, seen) if _legs_bind(robot) else []
+    seen, by_leg = _seen_one_by_one(robot, position, rotation), joints_by_leg(robot, joints)
+    cases = zip(one_by_one(legs, by_leg), seen, actuation(robot), strict=True)
+    equations = [equation for (leg, q), one, own in cases for equation in leg.residual(q, one)[: len(own)]]
+    of_legs = _of_legs(legs, by_leg, seen) if _legs_bind(robot) else []
     return (*equations, *of_legs, *robot.constraints(position, rotation))
 
 
-def constraints_on(robot: Mechanism, position: Vec, rotation: Rotation) -> tuple[Scalar, ...]:
-    """All equations among the pose alone: those of each leg, leg by leg, and the robot's own after them."""
+def constraints_on(
+    robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.Array | None = None
+) -> tuple[Scalar, ...]:
+    """All equations among the pose alone: those of each leg, leg by leg, and the robot's own after them.
+
+    Those of the legs are taken at the joints given, by default at those of the home mode; their derivatives are those
+    of joints that follow the pose.
+    """
     of_legs: list[Scalar] = []
     if _legs_bind(robot):
-        of_legs = _of_legs(robot.legs(), _seen_one_by_one(robot, position, rotation))
+        legs, seen = robot.legs(), _seen_one_by_one(robot, position, rotation)
+        stacked = _stacked(seen)
+        roots, ok = _home_roots(legs, stacked) if joints is None else (joints_by_leg(robot, joints), True)
+        of_legs = _of_legs(legs, differentiable_roots(legs, stacked, roots, ok), seen)
     return (*of_legs, *robot.constraints(position, rotation))
 
 
-def _of_legs(legs: Any, seen: Sequence[Attachment]) -> list[Scalar]:
-    return [e for (leg,), one in zip(one_by_one(legs), seen, strict=True) for e in leg.constraints(one)]
+def _of_legs(legs: Any, joints: Joints, seen: Sequence[Attachment]) -> list[Scalar]:
+    counts = [None] * len(seen) if legs.each is None else [kind.constraints for kind in legs.each]
+    cases = zip(one_by_one(legs, joints), seen, counts, strict=True)
+    return [equation for (leg, q), one, count in cases for equation in leg.constraints(q, one)[:count]]
+
+
+def _home_roots(legs: Any, seen: Attachment) -> tuple[Joints, Scalar]:
+    """Joints of the home mode and which are roots; the compiler drops all this where no constraint reads them."""
+
+    def solved(leg: Leg, one: Attachment) -> tuple[Joints, Scalar]:
+        start, reach = leg.start(one)
+        tol = default_tol(jnp.result_type(start[0]))
+        active = True if reach is None else reach >= 0
+        root, error, _ = newton(leg_residual, start, (leg, one), tol=tol, max_steps=MAX_STEPS, active=active)
+        return root, error <= tol
+
+    return over_legs(solved, *lax.stop_gradient((legs, seen)))
 
 
 def _legs_bind(robot: Mechanism) -> bool:
@@ -324,7 +390,9 @@ def _legs_bind(robot: Mechanism) -> bool:
     if key not in _BINDING:
 
         def equations(robot: Mechanism, pose: jax.Array) -> list[Scalar]:
-            return _of_legs(robot.legs(), _seen_one_by_one(robot, *robot.space.place(pose)))
+            seen = _seen_one_by_one(robot, *robot.space.place(pose))
+            zero = jnp.zeros(len(seen), pose.dtype)
+            return _of_legs(robot.legs(), (zero,) * joint_places(robot).shape[1], seen)
 
         pose = jax.ShapeDtypeStruct((robot.space.dimension,), float_dtype(robot))
         _BINDING[key] = bool(jax.eval_shape(equations, robot, pose))

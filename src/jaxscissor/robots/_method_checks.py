@@ -103,11 +103,11 @@ def checked_constraints(self: Any, constraints: Any, position: Any, rotation: An
     return cast(list(constraints), _dtype((position, rotation)))
 
 
-def checked_leg_constraints(self: Any, constraints: Any, attachment: PyTree) -> Any:
+def checked_leg_constraints(self: Any, constraints: Any, joints: tuple[Any, ...], attachment: PyTree) -> Any:
     """Equations, one number each."""
     if not numbers(constraints):
-        raise refuse(self, "constraints(attachment)", constraints, "a list with one number per equation")
-    return cast(list(constraints), _dtype(attachment))
+        raise refuse(self, "constraints(joints, attachment)", constraints, "a list with one number per equation")
+    return cast(list(constraints), jnp.result_type(joints[0]))
 
 
 def checked_home(self: Any, home: Any) -> tuple[Any, Any]:

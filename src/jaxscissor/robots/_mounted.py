@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ from jaxscissor._engine.pytree import as_floats, float_dtype, is_concrete, pytre
 from jaxscissor._engine.types import Numbers
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.robots._bodies import Connection, Freedom
-from jaxscissor.robots._contract import Attachment, Joints, Leg, Mechanism
+from jaxscissor.robots._contract import Attachment, Joints, Leg, LegKind, Mechanism
 from jaxscissor.robots._spaces import SE2, SE3, position_size
 
 _WORLDS = {2: SE2, 3: SE3}  # by the size of a position
@@ -69,6 +70,15 @@ class MountedLeg(Leg):
         """The leg's."""
         return self.leg.limits
 
+    @property
+    def each(self) -> tuple[LegKind, ...] | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The leg's."""
+        return self.leg.each
+
+    def alone(self, number: int) -> Leg:
+        """The leg's."""
+        return dataclasses.replace(self, leg=self.leg.alone(number))
+
     def residual(self, joints: Joints, attachment: Attachment) -> Joints:
         """The leg's, as are all that follow."""
         return self.leg.residual(joints, self._seen(attachment))
@@ -97,9 +107,9 @@ class MountedLeg(Leg):
         """The leg's."""
         return self.leg.closes(joints)
 
-    def constraints(self, attachment: Attachment) -> Sequence[Scalar]:
+    def constraints(self, joints: Joints, attachment: Attachment) -> Sequence[Scalar]:
         """The leg's."""
-        return self.leg.constraints(self._seen(attachment))
+        return self.leg.constraints(joints, self._seen(attachment))
 
     def bars(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
         """The leg's, in the world."""

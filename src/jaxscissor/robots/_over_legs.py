@@ -24,5 +24,6 @@ def over_legs(function: Callable[..., Any], legs: Any, *seen: PyTree) -> Any:
 
 def one_by_one(*stacked: PyTree) -> Iterator[tuple[Any, ...]]:
     """Each leg and what belongs to it; unrolled in Python they run faster than under ``vmap``."""
-    count = jax.tree.leaves(stacked)[0].shape[0]
-    return (jax.tree.map(lambda leaf, i=i: leaf[i], stacked) for i in range(count))
+    for i in range(jax.tree.leaves(stacked)[0].shape[0]):
+        parts = jax.tree.map(lambda leaf, i=i: leaf[i], stacked)
+        yield tuple(part.alone(i) if hasattr(part, "alone") else part for part in parts)

@@ -26,6 +26,7 @@ from jaxscissor.robots._contract import (
     Leg,
     Mechanism,
     actuation,
+    angular_by_leg,
     checked_freedoms,
     checked_joints,
     checked_pose,
@@ -148,7 +149,10 @@ def _measures(robot: Mechanism, position: Vec, rotation: Rotation, joints: jax.A
     ends = one_by_one(fence(seen_by_legs(robot, position, rotation)))
     cases = zip(rows, ends, strict=True)
     moved = [_about_its_end(robot, block[:, :d], position, rotation, *end) for block, end in cases]
-    type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
+    if len({block.shape for block in own}) == 1:
+        type1 = jax.vmap(_alone)(jnp.stack(own), jnp.stack(moved))
+    else:
+        type1 = jnp.stack([_alone(*blocks) for blocks in zip(own, moved, strict=True)])
     return type1, _redundant_type2(robot, matrix) if is_redundant(robot) else _type2(robot, matrix), matrix
 
 
@@ -253,19 +257,20 @@ def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: 
     2. For each leg its residual along those, and by its own joints.
     3. The rows of leg i: its block by the twist, its own block at the place of its joints; the constraints' rows last.
     """
-    angular, d = robot.legs().angular, robot.space.dimension
+    d, counts = robot.space.dimension, [len(leg) for leg in actuation(robot)]
+    turns = [(*leg, *[True] * (max(counts) - len(leg))) for leg in angular_by_leg(robot)]
+    units = jnp.where(jnp.array(turns), 1, robot.length)
 
     def placed(twist: jax.Array):
         lengths = [robot.length * s if i < robot.space.translations else s for i, s in enumerate(twist)]
         moved = robot.space.nudge(position, rotation, lengths)
-        return seen_by_legs(robot, *moved), constraints_on(robot, *moved)
+        return seen_by_legs(robot, *moved), constraints_on(robot, *moved, joints)
 
     (seen, _), (shifts, constraints) = _pushed(placed, jnp.zeros(d, joints.dtype))
 
-    def of_leg(leg: Leg, q: Joints, attachment: Attachment, shift: Attachment):
+    def of_leg(leg: Leg, q: Joints, attachment: Attachment, shift: Attachment, units: jax.Array):
 
         def turned(steps: jax.Array):
-            units = [1 if angular and angular[i] else robot.length for i in range(len(q))]
             return leg.residual(tuple(x + unit * s for x, unit, s in zip(q, units, steps, strict=True)), attachment)
 
         by_twist = jax.vmap(lambda tangent: jax.jvp(partial(leg.residual, q), (attachment,), (tangent,))[1])(shift)
@@ -273,9 +278,10 @@ def closure_matrix(robot: Mechanism, position: Vec, rotation: Rotation, joints: 
         return jnp.stack(by_twist), jnp.stack(by_joints)
 
     shifts = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), shifts)
-    by_twist, by_joints = over_legs(of_leg, robot.legs(), joints_by_leg(robot, joints), seen, shifts)
-    own = block_diag(*by_joints)
-    rows = [jnp.concatenate([jnp.concatenate([*by_twist]), own], axis=1)]
+    by_twist, by_joints = over_legs(of_leg, robot.legs(), joints_by_leg(robot, joints), seen, shifts, units)
+    own = block_diag(*(block[:count, :count] for block, count in zip(by_joints, counts, strict=True)))
+    moved = jnp.concatenate([block[:count] for block, count in zip(by_twist, counts, strict=True)])
+    rows = [jnp.concatenate([moved, own], axis=1)]
     rows += [jnp.pad(row, (0, own.shape[1]))[None] for row in constraints]
     return jnp.concatenate(rows)
 
@@ -304,6 +310,8 @@ def _motions(robot: Mechanism, matrix: jax.Array) -> tuple[jax.Array, jax.Array]
     """Right singular vectors of the least singular values: joints with the platform at rest, twist with actuators."""
     d = robot.space.dimension
     joints = [null_vector(matrix[jnp.array(columns) - d][:, jnp.array(columns)]) for columns in leg_columns(robot)]
+    most = max(map(len, joints))
+    joints = [jnp.pad(motion, (0, most - len(motion))) for motion in joints]
     twist = null_vector(_with_constraints_first(robot, matrix[:, jnp.array([*range(d), *passive_columns(robot)])]))[:d]
     scale = jnp.where(jnp.arange(d) < robot.space.translations, robot.length, 1)
     return jnp.stack(joints), scale * twist * safe_divide(1, safe_sqrt(jnp.sum(twist**2)))

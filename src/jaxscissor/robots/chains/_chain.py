@@ -30,7 +30,7 @@ class Chain:
 
     The last joint holds the platform. All joint coordinates are zero at home. What the chain is follows from its kinds
     of joints, ``*`` the actuated one: ``R*US`` is a crank and a rod, ``P*US`` a slide and a rod, ``UP*S`` a telescope,
-    each also with balls for universal joints; ``R*RS`` and ``P*RS`` the same with rods that pins guide; ``UP*U`` a
+    each also with balls for universal joints; ``R*RS``, ``P*RS`` and ``RP*S`` the same guided by pins; ``UP*U`` a
     telescope that cannot twist; in the plane there are ``R*RR``, ``P*RR`` and ``RP*R``, and ``R*RR`` on a sphere. These
     are solved in closed form for the actuated joint alone, any other chain by Newton's method from home for all.
 
@@ -38,7 +38,7 @@ class Chain:
       joints: ``Revolute``, ``Prismatic``, ``Universal`` and ``Spherical``, in a tuple or list.
 
     Raises:
-      ValueError: something else than joints, or none; a pin that guides a rod across its motor's motion.
+      ValueError: something else than joints, or none; a pin that does not guide a rod in the plane of its motor.
 
     Example:
       >>> import jaxscissor as js
@@ -56,8 +56,8 @@ class Chain:
                 f"Got the joints {self.joints}; expected Revolute, Prismatic, Universal or Spherical ones."
             )
         object.__setattr__(self, "joints", tuple(self.joints))
-        if self.letters in ("R*RS", "P*RS") and is_concrete(self.joints):
-            _check_guide(*self.joints[:2])
+        if self.letters in ("R*RS", "P*RS", "RP*S") and self.joints[0].axis is not None and is_concrete(self.joints):
+            _check_guide(*sorted(self.joints[:2], key=lambda joint: not joint.actuated))
 
     @property
     def letters(self) -> str:
@@ -116,6 +116,8 @@ class Chain:
             return SlideAndRod.between(first, rest[0].at, self.end, axis=None)
         if letters in ("UP*S", "SP*S", "SP*U") or (planar and letters == "RP*R"):
             return Telescope.between(rest[0], first.at, self.end)
+        if letters == "RP*S" and not planar:
+            return Telescope.guided(rest[0], first, self.end)
         if letters == "UP*U":
             return Telescope.untwisted(rest[0], first, rest[1])
         if letters == "R*RS":
@@ -135,14 +137,14 @@ class Chain:
         joints = self.joints[:-1] if kind == "point" and self.letters[-1] in "SR" else self.joints
         pins = [pin for joint in joints for pin in _pins(joint)]
         needed = (2 if planar else 3) + {"point": 0, "frame": 1 if planar else 3}.get(kind, 0)
-        if len(pins) != needed or kind not in ("point", "frame"):
+        if len(pins) > needed or not pins or kind not in ("point", "frame"):
             raise ValueError(
                 f"Got the chain {self.letters}, whose {len(pins)} joint coordinates face {needed} equations of the "
-                f"platform's {kind}; expected as many. Fewer joints bind the platform: write such a leg as a js.Leg "
-                "with constraints(attachment)."
+                f"platform's {kind}; expected at most as many, and one at least. With more, a pose would not say where "
+                "the joints are."
             )
         axes = tuple(None if planar and letter == "R" else unit(Vec(*axis)) for letter, axis, *_ in pins)
-        return SerialLeg(
+        leg = SerialLeg(
             axes=axes,
             points=tuple(point for _, _, point, *_ in pins),
             end=self.end,
@@ -152,6 +154,7 @@ class Chain:
             kinds=tuple(letter for letter, *_ in pins),
             moved=tuple(actuated for *_, actuated in pins),
         )
+        return leg.with_guides()
 
 
 def _pins(joint: Any) -> list[tuple[str, Any, Vec, Any, bool]]:

@@ -85,7 +85,7 @@ class CrankAndRod(Leg):
         towards, between, room = self._both(attachment)
         return [(around(towards + sign * between),) for sign in (self.elbow, -self.elbow)], [room >= 0] * 2
 
-    def constraints(self, attachment: Vec) -> Sequence[Scalar]:
+    def constraints(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """The point stays in the plane of the crank, if the rod does."""
         if not self.guided or self.axis is None:
             return ()

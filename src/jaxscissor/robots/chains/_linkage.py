@@ -14,6 +14,7 @@ from jaxscissor._engine.pytree import as_arrays, as_floats, float_dtype, pytree,
 from jaxscissor._engine.types import PoseLike
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.robots._contract import Attachment, Leg, Mechanism
+from jaxscissor.robots._kinds import kinds_of, seen_by_kinds, stacked_legs
 from jaxscissor.robots._spaces import SE3, Space
 from jaxscissor.robots.chains._chain import Chain
 
@@ -22,7 +23,7 @@ class Linkage(Mechanism):
     """A robot whose legs are chains of joints; a subclass states ``space``, ``chains()`` and ``home_pose()``."""
 
     def chains(self) -> Sequence[Chain]:
-        """One for each leg, all of the same joints, where they are at home."""
+        """One for each leg, where its joints are at home."""
         raise NotImplementedError(f"{type(self).__name__} does not define chains(); see Linkage.")
 
     def home_pose(self) -> jax.Array:
@@ -40,22 +41,26 @@ class Linkage(Mechanism):
         return jax.tree.map(lambda leaf: leaf.astype(float_dtype(self)), list(self.chains()))
 
     def legs(self) -> Leg:
-        """The chains' legs, stacked.
-
-        Raises:
-          ValueError: chains of different joints.
-        """
+        """The chains' legs, stacked."""
         chains, home = self._chains(), self.space.place(self.home_pose())
-        kinds = sorted({chain.letters for chain in chains})
-        if len(kinds) > 1:
-            raise ValueError(f"Got chains {' and '.join(kinds)} in one robot; expected the same joints in all.")
-        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *chains)
-        return jax.vmap(lambda chain: chain.leg(self.space, home, self.length))(stacked)
+        if max(kinds_of(chains)) == 0:
+            stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *chains)
+            return jax.vmap(lambda chain: chain.leg(self.space, home, self.length))(stacked)
+        legs = [chain.leg(self.space, home, self.length) for chain in chains]
+        return stacked_legs(legs, [chain.seen(self.space, home, *home) for chain in chains])
 
     def attachments(self, position: Vec, rotation: Rotation) -> list[Attachment]:
         """What each chain holds of the platform."""
+        chains, home = self._chains(), self.space.place(self.home_pose())
+        seen = [chain.seen(self.space, home, position, rotation) for chain in chains]
+        return seen_by_kinds(self._kinds(chains), seen)
+
+    def _kinds(self, chains: Sequence[Chain]) -> list[int]:
+        """Number of the kind of each chain's leg; chains of different joints may be legs of one kind."""
+        if max(kinds_of(chains)) == 0:
+            return [0] * len(chains)
         home = self.space.place(self.home_pose())
-        return [chain.seen(self.space, home, position, rotation) for chain in self._chains()]
+        return kinds_of([jax.eval_shape(lambda chain: chain.leg(self.space, home, self.length), c) for c in chains])
 
     @one_pose()
     def home(self) -> tuple[jax.Array, jax.Array]:
@@ -93,7 +98,8 @@ class FromChains(Linkage):
 
     def __repr__(self) -> str:
         """Its chains."""
-        return f"a robot of {len(self.given)} chains {self.given[0].letters} with pose ({', '.join(self.space.names)})"
+        letters = " and ".join(dict.fromkeys(chain.letters for chain in self.given))
+        return f"a robot of {len(self.given)} chains {letters} with pose ({', '.join(self.space.names)})"
 
 
 def linkage(
@@ -102,7 +108,7 @@ def linkage(
     """A robot of chains of joints, without mathematics: where the joints are while the platform is at a pose.
 
     Args:
-      chains: one for each leg, all of the same joints; every point and axis in them is a dimension of the robot.
+      chains: one for each leg, of any joints; every point and axis in them is a dimension of the robot.
       pose: ``(d,)`` of the platform there, which is the robot's home.
       space: of the poses: ``SE3``, ``SE2``, ``R3`` or another.
       dependent: coordinates of the pose that the chains bind to the others.
@@ -111,7 +117,7 @@ def linkage(
       The robot, with all joint coordinates zero at home.
 
     Raises:
-      ValueError: wrong shape of the pose; chains of different joints; chains that cannot follow the platform.
+      ValueError: wrong shape of the pose; chains that cannot follow the platform.
 
     Example:
       A hexapod with rotary motors:

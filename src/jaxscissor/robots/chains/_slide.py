@@ -70,7 +70,7 @@ class SlideAndRod(Leg):
         along, reach, room = self._both(attachment)
         return [(along - sign * reach,) for sign in (self.side, -self.side)], [room >= 0] * 2
 
-    def constraints(self, attachment: Vec) -> Sequence[Scalar]:
+    def constraints(self, joints: Joints, attachment: Vec) -> Sequence[Scalar]:
         """The point stays in the plane of the rod, if that is guided."""
         return ((attachment - self.foot).dot(self.axis) / self.rod,) if self.axis is not None else ()
 

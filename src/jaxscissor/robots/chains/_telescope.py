@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,10 +11,10 @@ import jax.numpy as jnp
 from jaxscissor._engine.numerics import Scalar, limit_margins, safe_divide, safe_sqrt
 from jaxscissor._engine.pytree import pytree
 from jaxscissor._engine.vectors import Vec
-from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, pinned
+from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, pinned
 from jaxscissor.robots._contract import Joints, Leg
 from jaxscissor.robots._stewart_gough import TelescopicLeg
-from jaxscissor.robots.chains._joints import Prismatic, Universal, distance, unit
+from jaxscissor.robots.chains._joints import Prismatic, Revolute, Universal, distance, unit
 
 
 @pytree
@@ -29,6 +30,7 @@ class Telescope(Leg):
       stroke: least and greatest extension from home.
       axis: unit vector of the base's outer axis, of a leg between universal joints.
       twist: sine and cosine of the angle of the inner axes about the leg.
+      guide: unit vector of a pin on the base, which keeps the leg in the plane across it.
     """
 
     anchor: Vec
@@ -36,6 +38,7 @@ class Telescope(Leg):
     stroke: tuple[Scalar, Scalar]
     axis: Vec | None = None
     twist: tuple[Scalar, Scalar] | None = None
+    guide: Vec | None = None
 
     actuated = (True,)
     limits = ("shortest leg", "longest leg")
@@ -44,6 +47,11 @@ class Telescope(Leg):
     def between(cls, slide: Prismatic, anchor: Vec, end: Vec) -> Telescope:
         """The leg between two points at home."""
         return cls(anchor, distance(end, anchor), (slide.limits[0], slide.limits[1]))
+
+    @classmethod
+    def guided(cls, slide: Prismatic, pin: Revolute, end: Vec) -> Telescope:
+        """The leg between a pin and a ball at home."""
+        return dataclasses.replace(cls.between(slide, pin.at, end), guide=unit(Vec(*pin.axis)))
 
     @classmethod
     def untwisted(cls, slide: Prismatic, low: Universal, high: Universal) -> Telescope:
@@ -69,8 +77,10 @@ class Telescope(Leg):
         joints, reach = self.start(attachment)
         return [joints], [reach >= 0]
 
-    def constraints(self, attachment: Any) -> Sequence[Scalar]:
-        """The leg between universal joints has not twisted."""
+    def constraints(self, joints: Joints, attachment: Any) -> Sequence[Scalar]:
+        """The leg is in its plane, or the leg between universal joints has not twisted."""
+        if self.guide is not None:
+            return ((_point(attachment) - self.anchor).dot(self.guide) / self.home,)
         if self.axis is None or self.twist is None:
             return ()
         point, axis = attachment
@@ -93,18 +103,19 @@ class Telescope(Leg):
         return [(self.anchor, self.anchor)]
 
     def connections(self, joints: Joints, attachment: Any) -> Sequence[Connection]:
-        """A universal joint, the rod that slides in the cylinder, a ball; in the plane pins."""
+        """A universal joint or the pin that guides it, a rod that slides in its cylinder, a ball; in the plane pins."""
         if self.axis is not None:
             return ()
-        length = self.home + joints[0]
-        if len(self.anchor.components) == 3:
+        length, planar = self.home + joints[0], len(self.anchor.components) == 2
+        if self.guide is None and not planar:
             free = TelescopicLeg(self.anchor, self.home, (0 * self.home, self.stroke[1]))
             return free.connections((length,), attachment)
         zero = jnp.zeros_like(self.home)
-        up, joint = Vec(zero, zero, zero + 1), (self.anchor + attachment) * 0.5
+        pin, joint = self.guide or Vec(zero, zero, zero + 1), (self.anchor + attachment) * 0.5
         along = (attachment - self.anchor) * safe_divide(1, length)
         slide = Connection(0, 1, joint, (Freedom("slide", along, joints=(0,)),))
-        return [pinned(BASE, 0, self.anchor, up), slide, pinned(1, PLATFORM, attachment, up)]
+        held = pinned(1, PLATFORM, attachment, pin) if planar else balled(1, PLATFORM, attachment)
+        return [pinned(BASE, 0, self.anchor, pin), slide, held]
 
 
 def _point(attachment: Any) -> Vec:
