@@ -113,3 +113,19 @@ def test_no_batched_program_calls_lapack(build):
     ):
         program = jax.jit(jax.vmap(partial(function, robot))).lower(*(jnp.stack([x, x]) for x in args))
         assert "lapack" not in program.as_text(), function.__name__
+
+
+def test_large_systems_are_solved_in_loops_as_by_numpy(rng):
+    table, right = rng.normal(size=(20, 12, 12)), rng.normal(size=(20, 12))
+    table[0, :, 3], table[1] = table[0, :, 5], 0
+    solve = jax.jit(jax.vmap(lambda a, b: matrices.solve_regular(list(map(list, a)), list(b))))
+    found, regular = solve(jnp.asarray(table), jnp.asarray(right))
+    assert regular.tolist() == [False, False, *[True] * 18]
+    expected = np.linalg.solve(table[2:], right[2:, :, None])[..., 0]
+    np.testing.assert_allclose(np.stack(found, 1)[2:], expected, rtol=1e-9)
+    assert not np.stack(found, 1)[:2].any()
+    signs = jax.jit(jax.vmap(lambda a: matrices.determinant_sign(list(map(list, a)))))(jnp.asarray(table))
+    np.testing.assert_array_equal(signs, [0, 0, *np.linalg.slogdet(table[2:])[0]])
+    one, b = jnp.asarray(table[3]), jnp.asarray(right[3])
+    by_right = jax.grad(lambda b: sum(matrices.solve_regular(list(map(list, one)), list(b))[0]))(b)
+    np.testing.assert_allclose(by_right, np.linalg.solve(table[3].T, np.ones(12)), rtol=1e-9)

@@ -20,6 +20,7 @@ from jaxscissor._engine.numerics import Scalar, safe_divide
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Vec
 
+_UNROLLED = 9  # rows of the largest matrix whose elimination is written out: of 18 it takes minutes to compile
 _SWEEPS = 8  # convergence is quadratic: six were enough for every matrix up to 9 x 9 tried
 
 
@@ -96,6 +97,12 @@ def solve_regular(
     """
     if len(rows) <= 3:
         ok = fence(jnp.asarray(ok) & is_regular(rows))  # else every entry would evaluate it anew
+    if len(rows) > _UNROLLED:
+        table, right = _matrix(rows), jnp.stack(rhs)
+        identity = jnp.eye(len(rows), dtype=table.dtype)
+        found = _eliminated_in_loops(jnp.where(ok, table, identity), jnp.where(ok, right, 0))
+        regular = fence(found[1])
+        return tuple(jnp.where(regular, jnp.stack(found[0]), 0)), regular & ok
     safe = [[jnp.where(ok, e, float(i == j)) for j, e in enumerate(row)] for i, row in enumerate(rows)]
     masked = [jnp.where(ok, r, 0) for r in rhs]
     if len(rows) <= 3:
@@ -159,6 +166,8 @@ def _eliminated(rows: Sequence[Sequence[Scalar]], rhs: Sequence[Scalar]) -> tupl
     used by a row of numbers, every one of which would evaluate all choices and quotients before it anew.
     """
     size = len(rows)
+    if size > _UNROLLED:
+        return _eliminated_in_loops(_matrix(rows), jnp.stack(rhs))
     table, right = [list(row) for row in rows], list(rhs)
     regular, sign = jnp.asarray(True), jnp.ones_like(table[0][0])
     for k in range(size):
@@ -209,6 +218,45 @@ def _last_pivot_exceeds_rounding(table: Sequence[Sequence[Scalar]]) -> Scalar:
         by_column = w[k] + sum(jnp.abs(table[i][k]) * w[i] for i in range(k + 1, size))
         bound = bound + by_column * by_row
     return jnp.abs(table[-1][-1]) > 16 * size * eps * bound
+
+
+def _eliminated_in_loops(table: jax.Array, right: jax.Array) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
+    """The same elimination over arrays, and the same verdict on its last pivot."""
+    size, eps, places = len(table), float(jnp.finfo(table.dtype).eps), jnp.arange(len(table))
+    shape, right = right.shape, right.reshape(size, -1)
+
+    def column(k: Scalar, carry: PyTree):
+        table, right, regular, sign = carry
+        below = places > k
+        best = jnp.argmax(jnp.where(places >= k, jnp.abs(table[:, k]), -1))
+        order = jnp.where(places == k, best, jnp.where(places == best, k, places))
+        table, right, pivot = table[order], right[order], table[best, k]
+        regular, sign = regular & (pivot != 0), jnp.where(best == k, sign, -sign) * jnp.sign(pivot)
+        pivot = jnp.where(pivot == 0, 1, pivot)
+        factors = jnp.where(below, table[:, k] / pivot, 0)
+        table = table - jnp.outer(factors, jnp.where(below, table[k], 0))
+        own = jnp.where(below, factors, jnp.where(places == k, pivot, table[:, k]))
+        return table.at[:, k].set(own), right - jnp.outer(factors, right[k]), regular, sign
+
+    carry = table, right, jnp.asarray(True), jnp.ones((), table.dtype)
+    table, right, regular, sign = lax.fori_loop(0, size, column, carry)
+    last = jnp.where(places == size - 1, 1, 0).astype(table.dtype)
+
+    def unknown(i: Scalar, carry: PyTree):
+        x, v, w = carry
+        k = size - 1 - i
+        after = jnp.where(places > k, table[k], 0)
+        x = x.at[k].set((right[k] - after @ x) / table[k, k])
+        v = v.at[k].set(jnp.where(i == 0, 1, -(after @ v) / table[k, k]))
+        w = w.at[k].set(jnp.where(i == 0, 1, -(jnp.where(places > k, table[:, k], 0) @ w)))
+        return x, v, w
+
+    x, v, w = lax.fori_loop(0, size, unknown, (jnp.zeros_like(right), last, last))
+    v, w = jnp.abs(v), jnp.abs(w)
+    upper, lower = jnp.abs(jnp.triu(table)), jnp.abs(jnp.tril(table, -1))
+    bound = jnp.sum(jnp.where(places < size - 1, (w + lower.T @ w) * (upper @ v), 0))
+    exceeds = jnp.abs(table[-1, -1]) > 16 * size * eps * bound
+    return tuple(x.reshape(shape)), regular & exceeds, sign
 
 
 def inverse(matrix: jax.Array) -> jax.Array:

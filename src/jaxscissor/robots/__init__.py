@@ -28,6 +28,7 @@ from jaxscissor.robots.chains import (
     Universal,
     linkage,
 )
+from jaxscissor.robots.models import FromModel, from_mjcf
 from jaxscissor.robots.stock import (
     AgileEye,
     FiveBar,
@@ -67,6 +68,7 @@ __all__ = [
     "Frame",
     "Freedom",
     "FromChains",
+    "FromModel",
     "Hexaglide",
     "Leg",
     "LegKind",
@@ -105,6 +107,7 @@ __all__ = [
     "TripleScissorExtender",
     "Universal",
     "frame",
+    "from_mjcf",
     "linkage",
     "mounted",
     "per_leg",

@@ -359,7 +359,7 @@ def constraints_on(
     if _legs_bind(robot):
         legs, seen = robot.legs(), _seen_one_by_one(robot, position, rotation)
         stacked = _stacked(seen)
-        roots, ok = _home_roots(legs, stacked) if joints is None else (joints_by_leg(robot, joints), True)
+        roots, ok = roots_from_start(legs, stacked) if joints is None else (joints_by_leg(robot, joints), True)
         of_legs = _of_legs(legs, differentiable_roots(legs, stacked, roots, ok), seen)
     return (*of_legs, *robot.constraints(position, rotation))
 
@@ -370,7 +370,7 @@ def _of_legs(legs: Any, joints: Joints, seen: Sequence[Attachment]) -> list[Scal
     return [equation for (leg, q), one, count in cases for equation in leg.constraints(q, one)[:count]]
 
 
-def _home_roots(legs: Any, seen: Attachment) -> tuple[Joints, Scalar]:
+def roots_from_start(legs: Any, seen: Attachment) -> tuple[Joints, Scalar]:
     """Joints of the home mode and which are roots; the compiler drops all this where no constraint reads them."""
 
     def solved(leg: Leg, one: Attachment) -> tuple[Joints, Scalar]:
