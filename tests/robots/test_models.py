@@ -103,6 +103,10 @@ def test_an_exported_robot_comes_back(build, tmp_path, rng):
     ours, theirs = jax.jit(solve)(robot, poses), jax.jit(solve)(given, poses)
     assert ours.converged.all()
     np.testing.assert_allclose(robot.actuated(ours.value), given.actuated(theirs.value), atol=1e-11)
+    js.export.save(robot, tmp_path / "robot.json")
+    again = js.export.load(tmp_path / "robot.json")
+    assert jax.tree.structure(again) == jax.tree.structure(robot)
+    assert all(map(np.array_equal, jax.tree.leaves(again), jax.tree.leaves(robot)))
 
 
 @pytest.mark.exhaustive

@@ -28,7 +28,7 @@ from jaxscissor.robots.chains import (
     Universal,
     linkage,
 )
-from jaxscissor.robots.models import FromModel, from_mjcf
+from jaxscissor.robots.models import BodyPlan, ClosurePlan, FromModel, JointPlan, LegPlan, from_mjcf
 from jaxscissor.robots.stock import (
     AgileEye,
     FiveBar,
@@ -60,7 +60,9 @@ __all__ = [
     "SO3",
     "AgileEye",
     "Arc",
+    "BodyPlan",
     "Chain",
+    "ClosurePlan",
     "Connection",
     "CrankAndRod",
     "FiveBar",
@@ -70,9 +72,11 @@ __all__ = [
     "FromChains",
     "FromModel",
     "Hexaglide",
+    "JointPlan",
     "Leg",
     "LegKind",
     "LegOfAnyKind",
+    "LegPlan",
     "LinearDelta",
     "Linkage",
     "Mechanism",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
 
 BASE, PLATFORM = -1, -2  # parents of bodies that hang from them, and sides of closures
 
 
-class JointPlan(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class JointPlan:
     """A joint of a body: ``"R"`` a pin, ``"P"`` a slide, ``"B"`` a ball."""
 
     name: str
@@ -16,7 +17,8 @@ class JointPlan(NamedTuple):
     actuated: bool = False
 
 
-class BodyPlan(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class BodyPlan:
     """A body that hangs from the base, from the platform or from an earlier body of its leg."""
 
     name: str
@@ -24,7 +26,8 @@ class BodyPlan(NamedTuple):
     joints: tuple[JointPlan, ...]
 
 
-class ClosurePlan(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class ClosurePlan:
     """Two bodies held together: ``"point"`` in a point, ``"frame"`` rigidly; ``"gear"`` is of two joints."""
 
     name: str
@@ -34,7 +37,8 @@ class ClosurePlan(NamedTuple):
     polynomial: tuple[float, ...] = ()
 
 
-class LegPlan(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class LegPlan:
     """A part of the mechanism that joins base and platform, whatever loops it has itself.
 
     ``solve`` are the equations that its joints solve, ``bind`` those that bind the platform; the others follow.
@@ -48,10 +52,13 @@ class LegPlan(NamedTuple):
     def without_names(self) -> LegPlan:
         """Equal for legs of one kind."""
         bodies = tuple(
-            body._replace(name="", joints=tuple(joint._replace(name="") for joint in body.joints))
+            dataclasses.replace(
+                body, name="", joints=tuple(dataclasses.replace(joint, name="") for joint in body.joints)
+            )
             for body in self.bodies
         )
-        return self._replace(bodies=bodies, closures=tuple(closure._replace(name="") for closure in self.closures))
+        closures = tuple(dataclasses.replace(closure, name="") for closure in self.closures)
+        return dataclasses.replace(self, bodies=bodies, closures=closures)
 
     def coordinates(self) -> list[JointPlan]:
         """The joint of each coordinate, in turn."""
