@@ -179,3 +179,14 @@ TENDON = "<tendon><fixed name='cable'><joint joint='motor0' coef='1'/></fixed></
 def test_what_cannot_be_expressed_is_refused_by_name(change, named, said, tmp_path):
     with pytest.raises(ValueError, match=said):
         load(tmp_path, change(delta_text()), **named)
+
+
+def test_a_singular_home_is_refused(tmp_path):
+    """Two links in one line: by first order they would hold the platform where it is."""
+    links = (
+        '<body name="a"><joint axis="0 0 1" name="qa"/><body name="b" pos="1 0 0"><joint axis="0 0 1"/></body></body>'
+    )
+    top = '<body name="top" pos="2 0 0"><freejoint/></body>'
+    loops = '<connect body1="b" body2="top" anchor="1 0 0"/>'
+    with pytest.raises(ValueError, match="singular"):
+        load(tmp_path, model_text(links + top, loops), platform="top", actuated=["qa"])

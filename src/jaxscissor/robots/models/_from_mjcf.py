@@ -22,6 +22,7 @@ from jaxscissor.robots.models._graph import Graph, GraphLeg
 from jaxscissor.robots.models._read import read
 from jaxscissor.robots.models._robot import FromModel
 
+_NEARBY = 0.02  # in radians and units of length, from home to where its ranks must be the same
 _INDEPENDENT = 1e-7  # share of a direction that others leave of it, from which on it counts
 
 
@@ -49,7 +50,7 @@ def from_mjcf(
 
     Raises:
       ValueError: an unknown body or joint; what cannot be expressed, by name; a motion of an actuated joint that leaves
-        the platform at rest; loops that do not close.
+        the platform at rest; loops that do not close; a singular home.
 
     Example:
       >>> import tempfile, pathlib, jaxscissor as js
@@ -74,6 +75,9 @@ def from_mjcf(
         float(np.mean([np.linalg.norm(leg.origin(n) - graph.platform_origin) for leg in legs for n in leg.order]))
         or 1.0
     )
+    nearby, _, _ = read(pathlib.Path(path), platform, base, _NEARBY)
+    if _ranks(legs, scale) != _ranks(nearby.legs(actuated), scale):
+        raise ValueError(f"Got {path}, whose configuration is singular; expected one in which no leg is stretched.")
     reduced = [_Reduced(leg, scale) for leg in legs]
     bound = np.concatenate([leg.bound for leg in reduced])
     space = _free_space(bound)
@@ -89,6 +93,12 @@ def from_mjcf(
         leg.bind = [leg.rest[row - start] for row in rows if start <= row < start + len(leg.rest)]
         start += len(leg.rest)
     return _built(graph, reduced, frame, SE3, tuple(SE3.names[column] for column in columns))
+
+
+def _ranks(legs: Sequence[GraphLeg], scale: float) -> list[tuple[int, int]]:
+    """Of each leg how many equations are independent by its own joints, and how many by these and the platform."""
+    slopes = [leg.slopes(scale) for leg in legs]
+    return [(len(_independent(own)), len(_independent(np.concatenate([own, twist], axis=1)))) for own, twist in slopes]
 
 
 class _Reduced:

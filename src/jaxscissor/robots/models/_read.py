@@ -13,8 +13,10 @@ from jaxscissor.robots.models._graph import Graph, Loop, Part, PartJoint
 _KINDS = {1: "B", 2: "P", 3: "R"}  # of mjtJoint; 0 is free
 
 
-def read(path: pathlib.Path, platform: str, base: str) -> tuple[Graph, tuple[str, ...], np.ndarray]:
-    """The model at home in the frame of its base, the joints that its actuators move, and how the platform is turned.
+def read(path: pathlib.Path, platform: str, base: str, away: float = 0.0) -> tuple[Graph, tuple[str, ...], np.ndarray]:
+    """The model in the frame of its base, the joints that its actuators move, and how the platform is turned.
+
+    At home, or a random step of the size ``away`` from there.
 
     1. MuJoCo parses the file; what is to be seen and touched is taken out, so that no other file is opened.
     2. The configuration is moved to where the loops close.
@@ -25,7 +27,7 @@ def read(path: pathlib.Path, platform: str, base: str) -> tuple[Graph, tuple[str
     """
     mujoco: Any = importlib.import_module("mujoco")  # an extra, of which type checkers know nothing
     model = _compiled(mujoco, path)
-    data = _closed(mujoco, model)
+    data = _closed(mujoco, model, away)
     numbers = {name: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in (platform, base)}
     for name, number in numbers.items():
         if number < 0:
@@ -75,11 +77,12 @@ def _compiled(mujoco: Any, path: pathlib.Path) -> Any:
     return spec.compile()
 
 
-def _closed(mujoco: Any, model: Any) -> Any:
+def _closed(mujoco: Any, model: Any, away: float) -> Any:
     """The model's configuration with its loops closed, by steps of Gauss and Newton."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data, off = mujoco.MjData(model), np.zeros(0)
+    mujoco.mj_integratePos(model, data.qpos, np.random.default_rng(0).uniform(-1, 1, model.nv), away)
     for _ in range(50):
         mujoco.mj_fwdPosition(model, data)
         own = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
