@@ -125,6 +125,14 @@ def test_a_leg_among_others_does_what_it_does_among_its_own(rng):
     assert each.shape == (3, 7) and len(names) == 6 and "CrankAndRod: least angle" in names
 
 
+def test_what_bars_of_mixed_legs_would_need_is_refused():
+    section = js.statics.Section.rectangle(js.statics.Material.aluminum(), depth=0.02, width=0.01)
+    with pytest.raises(ValueError, match="legs of different kinds"):
+        js.statics.actuator_forces(planar(*PLANAR), PLACE, wrench=[1.0, 0.0, 0.0], section=section)
+    with pytest.raises(ValueError, match="hang together"):
+        js.export.to_mjcf(planar(*PLANAR))
+
+
 def test_dimensions_of_mixed_legs_have_derivatives():
     mixed, step = planar(*PLANAR), 1e-6
 

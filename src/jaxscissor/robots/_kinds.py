@@ -100,8 +100,9 @@ class LegOfAnyKind(Leg):
         return self._filled_up(lambda kind, seen: kind.bars(_own(joints, kind), seen), (point, point), attachment)
 
     def rails(self, joints: Joints, attachment: Attachment) -> Sequence[tuple[Vec, Vec]]:
-        """Its kind's, filled up with the first one."""
-        return self._filled_up(lambda kind, seen: kind.rails(_own(joints, kind), seen), None, attachment)
+        """Its kind's, filled up with the point that it holds."""
+        point = attachment[0]
+        return self._filled_up(lambda kind, seen: kind.rails(_own(joints, kind), seen), (point, point), attachment)
 
     def mode(self, joints: Joints, attachment: Attachment) -> Scalar:
         """Its kind's."""
@@ -160,12 +161,12 @@ class LegOfAnyKind(Leg):
         return lax.switch(self.own.astype(jnp.int32), cases)
 
     def _filled_up(self, method: Method, filler: Any, attachment: Attachment) -> Any:
-        """A list that the leg's own kind gives, filled up to the longest with something, or with its first entry."""
+        """A list that the leg's own kind gives, filled up to the longest with something."""
         most = max(self._asked(lambda kind, seen: len(method(kind, seen)), attachment))
 
         def filled(kind: Leg, seen: Attachment) -> list[Any]:
             own = list(method(kind, seen))
-            return own + [own[0] if filler is None else filler] * (most - len(own))
+            return own + [filler] * (most - len(own))
 
         return self._chosen(filled, attachment)
 

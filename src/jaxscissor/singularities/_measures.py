@@ -50,7 +50,8 @@ class Measures:
       constraint: ``()``, zero where the constraints on the pose depend on each other, so that the platform has a
         freedom more whatever the actuators do (a constraint singularity). From 0 to 1, where they are at right
         angles; 1 of a robot without constraints.
-      joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest.
+      joint_motion: ``(legs, joints of a leg)`` motion of each leg's joints closest to one with the platform at rest;
+        of a leg with fewer joints than others it ends in zeros.
       platform_motion: ``(d,)`` twist that the constraints allow, closest to one with the actuators at rest.
       status: see ``inverse_kinematics``.
     """

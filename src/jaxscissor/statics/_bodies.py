@@ -26,7 +26,16 @@ class Bodies(NamedTuple):
 
 
 def bodies_of(robot: Mechanism, section: Section) -> Bodies:
-    """The bars of every leg, stacked, with the lengths that they have at home; of legs that draw none, none."""
+    """The bars of every leg, stacked, with the lengths that they have at home; of legs that draw none, none.
+
+    Raises:
+      ValueError: legs of different kinds, whose bars are not known to be rigid.
+    """
+    if robot.legs().each is not None:
+        raise ValueError(
+            f"Got a section for a {type(robot).__name__} with legs of different kinds, which do not say how their bars "
+            "hang together; expected no section: their bars weigh nothing."
+        )
     pose, joints = robot.home()
 
     def of_leg(leg: Leg, *case: Any) -> Bodies:

@@ -9,10 +9,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from jaxscissor._engine.numerics import default_tol
 from jaxscissor._engine.programs import run_once
-from jaxscissor._engine.pytree import as_floats
+from jaxscissor._engine.pytree import as_floats, float_dtype
 from jaxscissor.robots._contract import Joints, roots_from_start, seen_by_legs
 from jaxscissor.robots._kinds import LegOfAnyKind
 from jaxscissor.robots._over_legs import one_by_one
@@ -22,7 +24,7 @@ from jaxscissor.robots.models._graph import Graph, GraphLeg
 from jaxscissor.robots.models._read import read
 from jaxscissor.robots.models._robot import FromModel
 
-_NEARBY = 0.02  # in radians and units of length, from home to where its ranks must be the same
+_STEPS = 0.1, 0.05, 0.02  # in lengths of the robot and radians, from home to where its closures must hold
 _INDEPENDENT = 1e-7  # share of a direction that others leave of it, from which on it counts
 
 
@@ -75,7 +77,7 @@ def from_mjcf(
         float(np.mean([np.linalg.norm(leg.origin(n) - graph.platform_origin) for leg in legs for n in leg.order]))
         or 1.0
     )
-    nearby, _, _ = read(pathlib.Path(path), platform, base, _NEARBY)
+    nearby, _, _ = read(pathlib.Path(path), platform, base, scale)
     if _ranks(legs, scale) != _ranks(nearby.legs(actuated), scale):
         raise ValueError(f"Got {path}, whose configuration is singular; expected one in which no leg is stretched.")
     reduced = [_Reduced(leg, scale) for leg in legs]
@@ -95,10 +97,12 @@ def from_mjcf(
     return _built(graph, reduced, frame, SE3, tuple(SE3.names[column] for column in columns))
 
 
-def _ranks(legs: Sequence[GraphLeg], scale: float) -> list[tuple[int, int]]:
-    """Of each leg how many equations are independent by its own joints, and how many by these and the platform."""
+def _ranks(legs: Sequence[GraphLeg], scale: float) -> list[int]:
+    """How many equations are independent: of each leg by its joints, by these and the platform, and of all legs."""
     slopes = [leg.slopes(scale) for leg in legs]
-    return [(len(_independent(own)), len(_independent(np.concatenate([own, twist], axis=1)))) for own, twist in slopes]
+    alone = [len(_independent(matrix)) for own, twist in slopes for matrix in (own, np.hstack([own, twist]))]
+    together = np.asarray(block_diag(*(own for own, _ in slopes))), np.concatenate([twist for _, twist in slopes])
+    return [*alone, len(_independent(np.concatenate(together, axis=1)))]
 
 
 class _Reduced:
@@ -221,11 +225,16 @@ def _home_pose(place: np.ndarray, frame: np.ndarray, space: Any) -> tuple[np.nda
 
 
 def _stays(robot: FromModel) -> bool:
-    """Whether all closures hold where the joints solve theirs, a little away from home in some directions."""
+    """Whether all closures hold where the joints solve theirs, away from home in some directions.
+
+    A platform that moves otherwise opens them by the square of the step.
+    """
     pose = np.asarray(robot.pose)
     size = np.where(np.arange(len(pose)) < robot.space.translations, float(robot.length), 1.0)
     away = np.random.default_rng(0).uniform(-1, 1, (3, len(pose)))
-    return max(float(_open(robot, *as_floats(pose + 0.02 * size * step))) for step in away) < 1e-6
+    opened = [[float(_open(robot, *as_floats(pose + step * size * way))) for step in _STEPS] for way in away]
+    largest = [next((gap for gap in gaps if np.isfinite(gap)), np.inf) for gaps in opened]  # of steps within reach
+    return max(largest) < 10 * default_tol(float_dtype(robot))
 
 
 @run_once

@@ -95,7 +95,9 @@ class Graph:
         for loop in self.loops:
             ends: tuple[Any, Any] = loop.first, loop.second
             if loop.kind == "gear":
-                ends = owner[loop.first], owner.get(loop.second)
+                ends = owner.get(loop.first), owner.get(loop.second)
+                if ends[0] is None or (loop.second is not None and ends[1] is None):
+                    raise ValueError(f"Got the gear {loop.name!r} of a joint that is none of this mechanism's.")
             if None not in ends and (self.platform not in ends or loop.kind == "gear"):
                 join(*ends)
         pieces: dict[int, list[int]] = {}
@@ -238,6 +240,8 @@ class GraphLeg:
         closures = []
         for loop in self.loops:
             if loop.kind == "gear":
+                if loop.first not in places:
+                    raise ValueError(f"Got the gear {loop.name!r} of a joint that may turn while the platform rests.")
                 ends = places[loop.first], places.get(loop.second, -1)
             else:
                 ends = self._side(loop.first), PLATFORM if loop.second is None else self._side(loop.second)

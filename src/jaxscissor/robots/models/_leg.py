@@ -154,9 +154,12 @@ class ModelLeg(Leg):
         return [(Vec(*start), Vec(*end)) for start, end in bars]
 
     def rails(self, joints: Joints, attachment: Any) -> Sequence[tuple[Vec, Vec]]:
-        """The bodies' points on the base."""
-        feet = [Vec(*self.bodies[i]) for i, body in enumerate(self.plan.bodies) if body.parent == BASE]
-        return [(foot, foot) for foot in feet]
+        """The bodies' points on the base, and where loops are closed there."""
+        feet = [self.bodies[i] for i, body in enumerate(self.plan.bodies) if body.parent == BASE]
+        for i, closure in enumerate(self.plan.closures):
+            sides = () if closure.kind == "gear" else (closure.first, closure.second)
+            feet += [self.anchors[i, side] for side, body in enumerate(sides) if body == BASE]
+        return [(Vec(*foot), Vec(*foot)) for foot in feet]
 
 
 def _cross(vector: jax.Array) -> jax.Array:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import importlib
 import pathlib
+import re
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from jaxscissor.robots.models._graph import Graph, Loop, Part, PartJoint
 
+_NEARBY = 0.02  # in radians and lengths of the model
 _KINDS = {1: "B", 2: "P", 3: "R"}  # of mjtJoint; 0 is free
 
 
-def read(path: pathlib.Path, platform: str, base: str, away: float = 0.0) -> tuple[Graph, tuple[str, ...], np.ndarray]:
+def read(
+    path: pathlib.Path, platform: str, base: str, length: float = 0.0
+) -> tuple[Graph, tuple[str, ...], np.ndarray]:
     """The model in the frame of its base, the joints that its actuators move, and how the platform is turned.
 
-    At home, or a random step of the size ``away`` from there.
+    At home, or a random step away from there, which is small by a length of the model's.
 
     1. MuJoCo parses the file; what is to be seen and touched is taken out, so that no other file is opened.
     2. The configuration is moved to where the loops close.
@@ -27,7 +32,7 @@ def read(path: pathlib.Path, platform: str, base: str, away: float = 0.0) -> tup
     """
     mujoco: Any = importlib.import_module("mujoco")  # an extra, of which type checkers know nothing
     model = _compiled(mujoco, path)
-    data = _closed(mujoco, model, away)
+    data = _closed(mujoco, model, length)
     numbers = {name: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in (platform, base)}
     for name, number in numbers.items():
         if number < 0:
@@ -61,7 +66,7 @@ def read(path: pathlib.Path, platform: str, base: str, away: float = 0.0) -> tup
 def _compiled(mujoco: Any, path: pathlib.Path) -> Any:
     """The model without what is to be seen and touched, and with some mass, which MuJoCo demands."""
     text = path.read_text()
-    if "<include" in text:
+    if re.search(r"<(include|model|attach)\b", text):
         raise ValueError(f"Got {path}, which includes other files; expected one that stands alone.")
     spec = mujoco.MjSpec.from_string(text)
     for equality in spec.equalities:
@@ -77,12 +82,14 @@ def _compiled(mujoco: Any, path: pathlib.Path) -> Any:
     return spec.compile()
 
 
-def _closed(mujoco: Any, model: Any, away: float) -> Any:
+def _closed(mujoco: Any, model: Any, length: float) -> Any:
     """The model's configuration with its loops closed, by steps of Gauss and Newton."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data, off = mujoco.MjData(model), np.zeros(0)
-    mujoco.mj_integratePos(model, data.qpos, np.random.default_rng(0).uniform(-1, 1, model.nv), away)
+    slides = np.isin(model.jnt_type[model.dof_jntid], [0, 2])  # a free joint is taken for slides: nothing hangs on it
+    step = _NEARBY * np.where(slides, length, length > 0)
+    mujoco.mj_integratePos(model, data.qpos, step * np.random.default_rng(0).uniform(-1, 1, model.nv), 1.0)
     for _ in range(50):
         mujoco.mj_fwdPosition(model, data)
         own = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
@@ -103,9 +110,14 @@ def _joints_of(model: Any, body: int) -> range:
 def _joint(mujoco: Any, model: Any, data: Any, number: int, here: Any, turned: np.ndarray) -> PartJoint:
     kind = _KINDS[int(model.jnt_type[number])]
     stroke = tuple(model.jnt_range[number]) if model.jnt_limited[number] and kind != "B" else (-np.inf, np.inf)
-    value = 0.0 if kind == "B" else float(data.qpos[model.jnt_qposadr[number]])
+    value = 0.0 if kind == "B" else _value(model, data.qpos, number)
     axis = turned.T @ data.xaxis[number]
     return PartJoint(_name(mujoco, model, "joint", number), kind, axis, here(data.xanchor[number]), value, stroke)
+
+
+def _value(model: Any, qpos: np.ndarray, joint: int) -> float:
+    """The coordinate of a pin or slide."""
+    return float(qpos[model.jnt_qposadr[joint]])
 
 
 def _loop(mujoco: Any, model: Any, data: Any, number: int, here: Any) -> Loop:
@@ -114,7 +126,12 @@ def _loop(mujoco: Any, model: Any, data: Any, number: int, here: Any) -> Loop:
     first, second, values = int(model.eq_obj1id[number]), int(model.eq_obj2id[number]), model.eq_data[number]
     if model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT:
         ends = [_name(mujoco, model, "joint", j) if j >= 0 else None for j in (first, second)]
-        return Loop(name, "gear", ends[0], ends[1], polynomial=tuple(map(float, values[:5])))
+        moved = 0.0 if second < 0 else _value(model, data.qpos, second) - _value(model, model.qpos0, second)
+        # a function of how far the other joint is from home, not from where the file counts
+        about = Polynomial(values[:5])(Polynomial([moved, 1.0])).coef
+        return Loop(
+            name, "gear", ends[0], ends[1], polynomial=(0.0, *map(float, [*about[1:], *[0.0] * (5 - len(about))]))
+        )
     if model.eq_objtype[number] == mujoco.mjtObj.mjOBJ_SITE:
         place, (first, second) = data.site_xpos[first], (model.site_bodyid[s] for s in (first, second))
     elif model.eq_type[number] == mujoco.mjtEq.mjEQ_CONNECT:
