@@ -61,6 +61,36 @@ def contest(count, rounds):
     return rows
 
 
+def contest_forward(count, rounds):
+    """Forward kinematics of the TSE from home: joints of reachable poses, which are to be found again."""
+    robot = library.tse()
+    poses = jnp.asarray(tse_poses(2 * count))
+    found = library.inverse(robot, poses)
+    reached = np.flatnonzero(np.asarray(found.converged))[:count]
+    poses, joints = np.asarray(poses)[reached], np.asarray(found.value)[reached]
+    on_device = jnp.asarray(joints)
+    program, compiled = phases(jax.vmap(js.forward_kinematics, (None, 0)), robot, on_device)
+    plain = peers.cpp_forward()
+    runs = {"C++, plain": lambda: plain(joints), "this library, vmap": lambda: program(robot, on_device)}
+    times = interleaved(runs, rounds)
+    places, solved = plain(joints)
+    pose = jax.vmap(lambda place: js.pose(robot, place[:3], matrix=place[3:].reshape(3, 3)))
+    ours = program(robot, on_device)
+    answers = {
+        "C++, plain": (np.asarray(pose(jnp.asarray(places))), solved),
+        "this library, vmap": (np.asarray(ours.value), np.asarray(ours.converged)),
+    }
+    rows = {}
+    for name, (back, solved) in answers.items():
+        residual, _ = judge(RATIOS, back[solved], joints[solved])
+        other = np.abs(back[solved] - poses[solved]).max(axis=1) > 1e-6
+        row = {"success": float(solved.mean()), "wrong_branch": int(other.sum())}
+        quantiles = dict(zip(("p50", "p98", "max"), np.quantile(residual, [0.5, 0.98, 1.0]).tolist(), strict=True))
+        rows[name] = rate_row(len(joints), *times[name]) | row | quantiles
+    rows["this library, vmap"] |= compiled
+    return rows
+
+
 def own_rows(cases, rounds):
     """Rows of the library alone, each beside the plain C++ of the same moment."""
     poses, plain, rows = tse_poses(100_000), peers.cpp("plain"), {}
@@ -83,6 +113,8 @@ def main():
     before = machine()
     results = {"contest": contest(count, args.rounds)}
     print(table(results["contest"]), flush=True)
+    results["forward"] = contest_forward(count // 10, args.rounds)
+    print(table(results["forward"]), flush=True)
     cases = (
         library.robots(count // 10) | library.functions(count // 10) | library.sizes(100_000 if args.small else 10**7)
     )
@@ -94,7 +126,7 @@ def main():
         slower = regressions(results, json.loads(stored.read_text()))
         raise SystemExit("\n".join(slower) if slower else 0)
     stored.write_text(json.dumps(results, indent=1) + "\n")
-    text = [f"`{results['machine']}`", table(results["contest"]), table(results["library"])]
+    text = [f"`{results['machine']}`", *(table(results[part]) for part in ("contest", "forward", "library"))]
     stored.with_suffix(".md").write_text("\n\n".join(text) + "\n")
     if not args.small:
         throughput(results, RESULTS / "throughput.png")

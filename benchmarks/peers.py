@@ -20,17 +20,39 @@ FLAGS = {
 TOL = 1e-12
 
 
-def cpp(name):
-    """Build one of the C++ references and return its solver."""
+def _built(name):
+    """The solver of one of the C++ references."""
     library = pathlib.Path(tempfile.mkdtemp()) / f"{name}.so"
     source = HERE / "cpp" / f"{name}.cpp"
-    subprocess.run(["g++", *FLAGS[name], "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
-    function = ctypes.CDLL(str(library)).solve
-    ratios = np.array(RATIOS)
-    kept = {}
+    flags = FLAGS.get(name, FLAGS["plain"])
+    subprocess.run(["g++", *flags, "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
+    return ctypes.CDLL(str(library)).solve
 
-    def pointer(array):
-        return array.ctypes.data_as(ctypes.c_void_p)
+
+def pointer(array):
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+def cpp_forward():
+    """joints -> (positions and rotation matrices, solved), by the C++ reference."""
+    function, ratios, kept = _built("forward"), np.array(RATIOS), {}
+    home = np.array(js.TripleScissorExtender.from_ratios(*RATIOS).home()[0])
+
+    def solve(joints):
+        n = len(joints)
+        if n not in kept:
+            kept[n] = np.empty((n, 12)), np.empty(n, np.int32)
+        places, status = kept[n]
+        given = [pointer(a) for a in (ratios, home, joints)]
+        function(*given, ctypes.c_long(n), ctypes.c_double(TOL), pointer(places), pointer(status))
+        return places, status == 0
+
+    return solve
+
+
+def cpp(name):
+    """Build one of the C++ references and return its solver."""
+    function, ratios, kept = _built(name), np.array(RATIOS), {}
 
     def solve(poses):
         n = len(poses)

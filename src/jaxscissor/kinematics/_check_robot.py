@@ -35,6 +35,7 @@ from jaxscissor.robots._contract import (
 )
 from jaxscissor.robots._over_legs import one_by_one, over_legs
 
+_ANGLES = 0.3, 2.0, 4.0  # on a circle
 _STEP, _CLOSE = 1e-5, 1e-4  # of differences, and how well they agree with derivatives
 
 
@@ -48,7 +49,7 @@ def check_robot(robot: Mechanism, *, poses: int = 256, seed: int = 0) -> None:
     2. home: it closes, inverse kinematics and forward kinematics give it back, its margins are not negative;
     3. ``start`` at random poses around home: where the reach is >= 0 Newton's method finds a root in home's working
        mode, and where it is negative there is none;
-    4. ``solutions``: each closes, and no other root is found from them;
+    4. ``circle``: the equations hold all around it; ``solutions``: each closes, and no other root is found from them;
     5. derivatives of inverse kinematics against differences, and everything once more in single precision.
 
     Args:
@@ -64,7 +65,7 @@ def check_robot(robot: Mechanism, *, poses: int = 256, seed: int = 0) -> None:
       >>> js.check_robot(js.StewartGough.prototype())
     """
     (robot,) = as_floats(robot)
-    for group in (_counts, _home, partial(_random_poses, poses=poses, seed=seed), _single_precision):
+    for group in (_counts, _circles, _home, partial(_random_poses, poses=poses, seed=seed), _single_precision):
         try:
             found = list(group(robot))
         except (ValueError, NotImplementedError) as error:  # a method that gave the wrong thing; the rest rests on it
@@ -129,6 +130,25 @@ def _home(robot: Mechanism) -> Iterator[str]:
     least = np.asarray(margins(robot, pose)).min()
     if least < 0:
         yield f"margins() at home has {least:.2g}: home() is beyond a limit, so that no pose around it is feasible."
+
+
+def _circles(robot: Mechanism) -> Iterator[str]:
+    errors = np.asarray(_off_circles(robot))
+    if errors.max(initial=0) > 1e3 * default_tol(errors.dtype):
+        yield (
+            f"circle() of leg {int(errors.argmax()) + 1} leaves the points that the leg can hold with home's joints: "
+            f"residual() is {errors.max():.1e} on it, and should be zero."
+        )
+
+
+@run_once
+def _off_circles(robot: Mechanism) -> jax.Array:
+    """Largest residual on the circle of every leg that knows its own, at home's joints."""
+    cases = one_by_one(robot.legs(), joints_by_leg(robot, robot.home()[1]))
+    found = [(leg, own, leg.circle(own)) for leg, own in cases]
+    known = [(leg, own, circle) for leg, own, circle in found if circle is not None]
+    errors = [[norm(leg.residual(own, circle.at(angle))) for angle in _ANGLES] for leg, own, circle in known]
+    return jnp.max(jnp.array(errors), axis=1) if errors else jnp.zeros(0)
 
 
 @run_once

@@ -6,12 +6,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._engine.cpu.chunks import chunked
 from jaxscissor._engine.numerics import Scalar, default_tol
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_floats
 from jaxscissor._engine.types import ActuatedLike, Number, PoseLike
 from jaxscissor.kinematics._legs import closest_joints
 from jaxscissor.kinematics._platform import (
+    State,
     all_joints,
     assemble,
     assembly_sign,
@@ -21,6 +23,7 @@ from jaxscissor.kinematics._platform import (
     state_at,
 )
 from jaxscissor.kinematics._solution import Solution, Status
+from jaxscissor.kinematics._swinging import swinging
 from jaxscissor.robots._contract import (
     Mechanism,
     checked_freedoms,
@@ -28,6 +31,8 @@ from jaxscissor.robots._contract import (
     checked_pose,
     is_redundant,
 )
+
+_LANES = 4096  # solved together: a chunk's loop ends with its last lane
 
 
 @one_pose()
@@ -82,23 +87,36 @@ def forward_kinematics(
 def _forward_kinematics(
     robot: Mechanism, actuated: jax.Array, guess: jax.Array | None, tol: Scalar, max_steps: Scalar
 ) -> Solution:
-    """The pose, its status and its derivative.
+    """The pose with the derivative of the implicit function, where the status says that it is what was asked for."""
+    state, status, error, steps = _assembled(*lax.stop_gradient((robot, actuated, guess, tol, max_steps)))
+    finite = status != Status.NONFINITE
+    actuated = jnp.where(finite, actuated, lax.stop_gradient(robot.actuated(robot.home()[1])))
+    pose, _ = differentiable_pose(robot, actuated, state, status == Status.CONVERGED)
+    return Solution(jnp.where(finite, pose, jnp.nan), status, error, steps)
+
+
+def _assembled_lane(
+    robot: Mechanism, actuated: jax.Array, guess: jax.Array | None, tol: Scalar, max_steps: Scalar
+) -> tuple[State, Scalar, Scalar, Scalar]:
+    """The state of the platform without derivatives, its status, residual and number of steps.
 
     1. Home, or the guess with the joints of the home mode there, is where Newton's method starts.
     2. Where it ends, the sign of det d residual / d (twist, passive joints) is compared with that of the start.
     3. The status: not closed, joints that contradict each other, another sign, a singularity, a leg that cannot take
        its joints, in rising order.
-    4. The derivative of the implicit function, where the status says that the pose is what was asked for.
     """
     finite = jnp.all(jnp.isfinite(actuated)) & (True if guess is None else jnp.all(jnp.isfinite(guess)))
     start_pose, start_joints = _assembled_guess(robot, guess, finite, tol)
     home_actuated = robot.actuated(start_joints)
     actuated = jnp.where(finite, actuated, home_actuated)
     start = state_at(robot, start_pose, start_joints)
-    state, error, steps = assemble(robot, actuated, start, tol, max_steps)
-
-    ends = jax.tree.map(lambda *leaves: jnp.stack(leaves), (actuated, state), (home_actuated, start))
-    signs = lax.map(lambda end: assembly_sign(robot, *end), ends)  # one after the other through one program
+    swings = swinging(robot, actuated)
+    state, error, steps = assemble(robot, actuated, start, tol, max_steps, swings)
+    if swings is None:
+        ends = jax.tree.map(lambda *leaves: jnp.stack(leaves), (actuated, state), (home_actuated, start))
+        signs = lax.map(lambda end: assembly_sign(robot, *end), ends)  # one after the other through one program
+    else:
+        signs = assembly_sign(robot, actuated, state, swings), assembly_sign(robot, home_actuated, start)
     same = signs[0] * signs[1] >= 0  # a guess on a singularity names no mode
     status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
     if is_redundant(robot):
@@ -107,13 +125,10 @@ def _forward_kinematics(
     status = jnp.where(signs[0] == 0, Status.SINGULAR, status)
     status = jnp.where(legs_close(robot, all_joints(robot, actuated, state)), status, Status.NO_SOLUTION)
     status = jnp.where(finite, status, Status.NONFINITE).astype(jnp.int32)
-    pose, _ = differentiable_pose(robot, actuated, state, status == Status.CONVERGED)
-    return Solution(
-        value=jnp.where(finite, pose, jnp.nan),
-        status=status,
-        residual_norm=jnp.where(finite, error, jnp.nan),
-        num_steps=steps,
-    )
+    return state, status, jnp.where(finite, error, jnp.nan), steps
+
+
+_assembled = chunked(_assembled_lane, most=_LANES)
 
 
 def _assembled_guess(

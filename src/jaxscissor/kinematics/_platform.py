@@ -10,11 +10,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.matrices import determinant_sign, solve_regular
 from jaxscissor._engine.newton import implicit, newton, norm, normal_equations, value_and_jacobian
 from jaxscissor._engine.numerics import Scalar
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.kinematics._swinging import Swinging, differentiable_corners, swing_sign, swinging, swung
 from jaxscissor.robots._contract import (
     Joints,
     Mechanism,
@@ -23,6 +25,7 @@ from jaxscissor.robots._contract import (
     joints_by_leg,
 )
 from jaxscissor.robots._over_legs import one_by_one
+from jaxscissor.robots._spaces import fit_triangle
 
 
 class State(NamedTuple):
@@ -46,9 +49,19 @@ def all_joints(robot: Mechanism, actuated: jax.Array, state: State) -> jax.Array
 
 
 def assemble(
-    robot: Mechanism, actuated: jax.Array, start: State, tol: Scalar, max_steps: Scalar
+    robot: Mechanism, actuated: jax.Array, start: State, tol: Scalar, max_steps: Scalar, swings: Swinging | None = None
 ) -> tuple[State, Scalar, Scalar]:
-    """Newton's method from a state, stepping on the rotation group: state, residual and number of steps."""
+    """Newton's method from a state, stepping on the rotation group: state, residual and number of steps.
+
+    Of corners that swing on circles it is Newton's method on their angles.
+    """
+    robot, actuated, start, tol, max_steps = lax.stop_gradient((robot, actuated, start, tol, max_steps))
+    swings = swings or swinging(robot, actuated)
+    if swings is not None:
+        points, count = swung(swings, _corners(robot, start), tol, max_steps)
+        position, rotation = fence(_platform(swings.corners, points, robot))
+        state = State(position, rotation, ())
+        return state, norm(_state_residual(state, (robot, robot.legs(), actuated))), count
     args = (robot, robot.legs(), actuated)
     retract, nudge = (_stepping(robot, step) for step in (robot.space.retract, robot.space.nudge))
     steps = {"tol": tol, "max_steps": max_steps, "retract": retract, "nudge": nudge}
@@ -57,10 +70,26 @@ def assemble(
 
 def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:
     """Pose coordinates and passive joints of a solution, with the implicit function's derivative where ok."""
+    swings = swinging(robot, actuated)
+    if swings is not None:
+        points = differentiable_corners(fence(swings), _corners(robot, state), ok)
+        pose = jnp.stack(robot.space.coordinates(*_platform(swings.corners, points, robot)))
+        return jnp.where(ok, pose, lax.stop_gradient(pose)), ()
     coordinates = (*robot.space.coordinates(state.position, state.rotation), *state.passive)
     root = implicit(_pose_residual, coordinates, ok, (robot, robot.legs(), actuated))
     size = robot.space.dimension
     return jnp.stack(root[:size]), root[size:]
+
+
+def _corners(robot: Mechanism, state: State) -> list[Vec]:
+    """The points of the platform that the legs hold, in lengths of the robot."""
+    return [corner * (1 / robot.length) for corner in robot.attachments(state.position, state.rotation)]
+
+
+def _platform(corners: Sequence[Vec], points: Sequence[Vec], robot: Mechanism) -> tuple[Vec, Rotation]:
+    """The place of the platform with its corners at points, both in lengths of the robot."""
+    position, rotation = fit_triangle(corners, points)
+    return position * robot.length, rotation
 
 
 def legs_close(robot: Mechanism, joints: jax.Array) -> Scalar:
@@ -70,12 +99,16 @@ def legs_close(robot: Mechanism, joints: jax.Array) -> Scalar:
 
 
 @jax.jit
-def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State) -> Scalar:
+def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State, swings: Swinging | None = None) -> Scalar:
     """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity.
 
     Of a robot with more actuated joints than freedoms that of det J^T J: such joints name no modes.
     """
-    rows, values = _system(*lax.stop_gradient((robot, actuated, state)))
+    robot, actuated, state = lax.stop_gradient((robot, actuated, state))
+    swings = swings or swinging(robot, actuated)
+    if swings is not None:
+        return swing_sign(swings, _corners(robot, state))
+    rows, values = _system(robot, actuated, state)
     return determinant_sign(normal_equations(rows, values)[0])
 
 

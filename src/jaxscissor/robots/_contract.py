@@ -25,6 +25,7 @@ from jaxscissor._engine.pytree import as_floats, float_dtype, is_concrete
 from jaxscissor._engine.types import JointsLike, PoseLike
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.robots._bodies import Connection
+from jaxscissor.robots._circle import Circle
 from jaxscissor.robots._method_checks import LEG, ROBOT, actuated_flags, check_methods
 from jaxscissor.robots._over_legs import one_by_one, over_legs
 from jaxscissor.robots._spaces import Space
@@ -107,6 +108,14 @@ class Leg:
         _, rows = value_and_jacobian(lambda q: self.residual(q, attachment), joints)
         return jnp.sign(determinant(rows)).astype(jnp.int32)
 
+    def circle(self, joints: Joints) -> Circle | None:
+        """Where the point that the leg sees can be while its joints, all of them actuated, stand still.
+
+        Of three legs of a free platform that know it, forward kinematics solves for three angles instead of a pose.
+        Its tangent must not change sides: t . (grad r1 x grad r2) of the residual keeps its sign. Default: unknown.
+        """
+        return None
+
     def solutions(self, attachment: Attachment) -> tuple[Sequence[Joints], Sequence[Scalar]] | None:
         """Every root, padded, and which are real. Only this can prove that there is none. Default: unknown."""
         return None
@@ -182,6 +191,15 @@ class Mechanism:
         Only this can prove how many there are. Default: unknown, and the library searches.
         """
         return None
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other is a robot of the same class with the same dimensions, to the last bit."""
+        if not isinstance(other, Mechanism) or jax.tree.structure(self) != jax.tree.structure(other):
+            return NotImplemented
+        return all(map(np.array_equal, jax.tree.leaves(self), jax.tree.leaves(other)))
+
+    def __hash__(self) -> int:
+        return hash(jax.tree.structure(self))  # which equal robots share; their dimensions may be tracers
 
     def __repr__(self) -> str:
         """A table of the robot's dimensions with units."""

@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol
 import jax
 import jax.numpy as jnp
 
+from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.cpu.sincos import sine_cosine
 from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.vectors import Rotation, Vec
@@ -187,7 +188,7 @@ def fit_triangle(corners: Sequence[Vec], points: Sequence[Vec]) -> tuple[Vec, Ro
         first, third = (v * safe_divide(1, safe_sqrt(v.dot(v))) for v in (along, normal))
         return [first, third.cross(first), third]
 
-    body, world = frame(*corners), frame(*points)
+    body, world = fence((frame(*corners), frame(*points)))  # every axis would evaluate both anew
     axes = (tuple(f.components[i] for f in body) for i in range(3))
     rotation = Rotation(*(world[0] * a + world[1] * b + world[2] * c for a, b, c in axes))
     return points[0] - rotation @ corners[0], rotation

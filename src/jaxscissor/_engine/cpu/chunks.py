@@ -30,10 +30,14 @@ def lanes_together() -> int:
     return _CHUNK if active() else _LARGE
 
 
-def chunked(function: Callable[..., Any]) -> Callable[..., Any]:
+def chunked(function: Callable[..., Any], most: int | None = None) -> Callable[..., Any]:
     """The function, with a batching rule of its own: ``jax.vmap`` runs many lanes chunk by chunk.
 
     Reverse-mode derivatives do not pass: stop the gradient of what goes in.
+
+    Args:
+      function: of one lane.
+      most: lanes evaluated together, few where a loop ends with the last of them. Default: what stays in the cache.
     """
     mapped = custom_vmap(function)
 
@@ -47,7 +51,9 @@ def chunked(function: Callable[..., Any]) -> Callable[..., Any]:
             whole = [next(rest) if flag else leaf for leaf, flag in zip(leaves, flags, strict=True)]
             return jax.vmap(function, _axes(batched))(*jax.tree.unflatten(structure, whole))
 
-        out = in_chunks(part, [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag], size)
+        out = in_chunks(
+            part, [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag], size, most if active() else None
+        )
         return out, jax.tree.map(lambda _: True, out)
 
     return functools.wraps(function)(mapped)

@@ -17,9 +17,9 @@ from jaxscissor._engine.quartic import quartic_roots
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom, balled, scissor_pins
+from jaxscissor.robots._circle import Circle
 from jaxscissor.robots._contract import Joints, Leg
 from jaxscissor.robots._scissor import Scissor
-from jaxscissor.robots.triple_scissor._octahedron import Circle
 
 
 class _Profile(NamedTuple):
@@ -182,16 +182,16 @@ class ScissorLeg(Leg):
         full = 2 * self.base_link
         return base.dot(base) <= full**2 * (1 + default_tol(jnp.result_type(full)))
 
-    def apex_circle(self, joints: Joints) -> Circle:
-        """Where the apex can be with the feet held, in units of L: about their line, at the scissor's height."""
+    def circle(self, joints: Joints) -> Circle:
+        """Where the apex can be with the feet held: about their line, at the scissor's height."""
         foot_a, foot_b = self.slide_a * joints[0], self.slide_b * joints[1]
         base = (foot_a - foot_b) * (1 / self.length)
         width2 = base.dot(base)
-        axis = base * safe_divide(1, safe_sqrt(width2))
-        height = safe_sqrt(1 - width2 * (self.length / (2 * self.base_link)) ** 2)
+        axis = fence(base * safe_divide(1, safe_sqrt(width2)))
+        height = self.length * safe_sqrt(1 - width2 * (self.length / (2 * self.base_link)) ** 2)
         vertical = Vec(0.0, 0.0, 1.0) - axis * axis.z
-        up = vertical * safe_divide(height, safe_sqrt(vertical.dot(vertical)))
-        return Circle((self.origin + (foot_a + foot_b) * 0.5) * (1 / self.length), up, axis.cross(up))
+        up = fence(vertical * safe_divide(height, safe_sqrt(vertical.dot(vertical))))
+        return Circle(self.origin + (foot_a + foot_b) * 0.5, up, axis.cross(up))
 
     def solutions(self, attachment: Vec) -> tuple[Sequence[Joints], Sequence[Scalar]]:
         """All four working modes: where the ellipse of eq. 13 meets the hyperbola of eq. 10."""

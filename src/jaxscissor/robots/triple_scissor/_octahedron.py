@@ -14,22 +14,10 @@ from jaxscissor._engine.newton import newton
 from jaxscissor._engine.numerics import Scalar, safe_sqrt
 from jaxscissor._engine.trigonometric import near_roots
 from jaxscissor._engine.types import PyTree
-from jaxscissor._engine.vectors import Vec
+from jaxscissor.robots._circle import Circle
 
 SOLUTIONS = 16  # complex ones, counted with multiplicity
 _PER_ARC = 8
-
-
-class Circle(NamedTuple):
-    """Points ``center + first cos(angle) + second sin(angle)``; the two are orthogonal and of equal length."""
-
-    center: Vec
-    first: Vec
-    second: Vec
-
-    def at(self, angle: Scalar) -> Vec:
-        """The point at an angle."""
-        return self.center + self.first * jnp.cos(angle) + self.second * jnp.sin(angle)
 
 
 class _Bilinear(NamedTuple):

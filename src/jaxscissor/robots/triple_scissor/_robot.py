@@ -14,6 +14,7 @@ from jaxscissor._engine.numerics import Scalar, safe_divide, safe_sqrt
 from jaxscissor._engine.programs import one_pose
 from jaxscissor._engine.pytree import as_arrays, is_concrete, pytree, quantity, unchecked
 from jaxscissor._engine.vectors import Rotation, Vec
+from jaxscissor.robots._circle import Circle
 from jaxscissor.robots._contract import Mechanism, joints_by_leg
 from jaxscissor.robots._over_legs import one_by_one
 from jaxscissor.robots._scissor import Scissor
@@ -202,7 +203,8 @@ class TripleScissorExtender(Mechanism):
         """Up to 16 poses: with the slides held, every apex runs on a circle about the line of its feet."""
         corners, scale = self._corners(), self.length
         legs = fence(self.legs())  # else every circle would evaluate the slides' directions anew
-        circles = [leg.apex_circle(q) for leg, q in one_by_one(legs, joints_by_leg(self, joints))]
+        circles = [leg.circle(q) for leg, q in one_by_one(legs, joints_by_leg(self, joints))]
+        circles = [Circle(*(part * (1 / scale) for part in circle)) for circle in circles]
         pairs = zip(corners, [*corners[1:], corners[0]], strict=True)
         sides = [safe_sqrt((a - b).dot(a - b)) / scale for a, b in pairs]
         angles, valid = inscribed_triangles(circles, tuple(sides))
