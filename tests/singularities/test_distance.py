@@ -127,12 +127,56 @@ def test_a_bound_platform_is_loose_where_its_constraints_end():
     """The 3-UPU's constraints depend on each other on a circle, which is the nearest of its singularities."""
     robot = ThreeUPU(0.5, 0.25)
     pose = jnp.array([0.3, 0.1, 0.8, 0.0, 0.0, 0.0])
-    found = js.singularities.distance(robot, pose, directions=64)
+
+    def nearest(robot, pose):
+        found = js.singularities.distance(robot, pose, directions=64)
+        return found.distance, found
+
+    (by_robot, by_pose), found = jax.grad(nearest, (0, 1), has_aux=True)(robot, pose)
     assert int(found.kind) == 2
     assert float(found.distance) == pytest.approx(0.5 - np.hypot(0.3, 0.1), rel=1e-6)
     assert np.hypot(*found.pose[:2]) == pytest.approx(0.5, rel=1e-6)
+    np.testing.assert_allclose([by_robot.base, by_robot.top], [2, -2], rtol=1e-6)  # the radius is twice the difference
+    np.testing.assert_allclose(by_pose, [*-pose[:2] / jnp.hypot(*pose[:2]), 0, 0, 0, 0], atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("robot", "pose", "way"),
+    [
+        (js.NavaroII.prototype(mode=8), [45.0, 26.0, 1.2], [1.0, 0.2, 0.01]),  # of type 2
+        pytest.param(  # of type 1
+            js.TripleScissorExtender.prototype(), None, [0.1, 0.03, 1.0, 0.0, 0.1, 0.05], marks=pytest.mark.exhaustive
+        ),
+    ],
+    ids=["navaro", "tse"],
+)
+def test_a_distance_has_the_derivative_of_its_differences(robot, pose, way, rng):
+    pose = robot.home()[0] if pose is None else jnp.asarray(pose)
+    units = robot, jnp.where(jnp.arange(len(pose)) < robot.space.translations, robot.length, 1.0)
+    design = jax.tree.map(lambda x: jnp.where(jnp.isfinite(x), x, 0) * rng.normal(size=x.shape), units[0])
+    moved = design, units[1] * rng.normal(size=len(pose))
+
+    def far(share):
+        changed = jax.tree.map(lambda x, d: x + share * d, (robot, pose), moved)
+        return js.singularities.distance(*changed, direction=jnp.asarray(way)).distance
+
+    step = 1e-5
+    slope, ends = jax.jit(jax.jacfwd(far))(0.0), [far(s) for s in (-step, step)]
+    assert abs(float(slope)) > 0.1 * float(robot.length)
+    np.testing.assert_allclose(slope, (ends[1] - ends[0]) / (2 * step), rtol=2e-3)
+
+
+def test_the_nearest_distance_has_its_envelope_as_derivative():
+    """Mode 8 is loose where it is not turned: |alpha| times what a turn counts as, which by default is the length."""
+    robot, pose = js.NavaroII.prototype(mode=8), jnp.array([45.0, 26.0, 0.2])
+    by_robot, by_pose = jax.grad(lambda *case: js.singularities.distance(*case).distance, (0, 1))(robot, pose)
+    np.testing.assert_allclose(by_pose, [0, 0, robot.length], atol=1e-6 * float(robot.length))
+    both = zip(jax.tree.leaves(robot), jax.tree.leaves(by_robot), strict=True)
+    total = sum(np.vdot(size, slope) for size, slope in both if np.isfinite(size).all())
+    assert total == pytest.approx(0.2 * float(robot.length), rel=1e-6)  # in another unit it is another length (Euler)
+
+
+@pytest.mark.exhaustive
 def test_along_a_tilt_a_bound_platform_is_singular_where_its_measure_is_zero():
     robot = ThreePRS.example()
     pose, tilt = robot.home()[0], jnp.eye(6)[4]

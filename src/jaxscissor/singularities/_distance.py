@@ -12,10 +12,11 @@ from jax import lax
 
 from jaxscissor._engine.cpu.fence import fence
 from jaxscissor._engine.matrices import null_vector
+from jaxscissor._engine.newton import implicit
 from jaxscissor._engine.numerics import Scalar, default_tol, safe_divide
 from jaxscissor._engine.programs import one_pose, program
 from jaxscissor._engine.pytree import as_arrays, as_floats, pytree
-from jaxscissor._engine.types import JointsLike, Number, PoseLike, TwistLike
+from jaxscissor._engine.types import JointsLike, Number, PoseLike, PyTree, TwistLike
 from jaxscissor._engine.vectors import Rotation, Vec
 from jaxscissor.kinematics._constraints import constrained_pose
 from jaxscissor.kinematics._inverse import inverse_kinematics
@@ -101,7 +102,8 @@ def distance(
       steps: of each walk. Default: 64 along a direction, 32 in all.
 
     Returns:
-      ``singularities.SingularityDistance``, without derivatives.
+      ``singularities.SingularityDistance``. Of it only ``distance`` has derivatives, by the robot, the pose and
+      ``angle_length``: those of the least distance with its direction held fixed, which are its own (envelope theorem).
 
     Raises:
       ValueError: wrong shapes, a robot with constraints that names no ``dependent`` coordinates, or one with more or
@@ -202,8 +204,12 @@ class _Walk(NamedTuple):
 
 def _start(robot: Mechanism, pose: jax.Array, joints: jax.Array | None, angle_length: Scalar) -> tuple[_Start, Scalar]:
     solution = inverse_kinematics(robot, pose, guess=joints)
+    return _begun(robot, pose, solution.value, angle_length), solution.status
+
+
+def _begun(robot: Mechanism, pose: jax.Array, joints: jax.Array, angle_length: Scalar) -> _Start:
     metric = jnp.where(jnp.array(_free(robot)) < robot.space.translations, 1, angle_length)
-    return _Start(pose, *robot.space.place(pose), solution.value, metric), solution.status
+    return _Start(pose, *robot.space.place(pose), joints, metric)
 
 
 def _along(
@@ -215,11 +221,12 @@ def _along(
     angle_length: Scalar,
     steps: jax.Array,
 ) -> SingularityDistance:
+    moving = robot, pose, angle_length
     robot, pose, direction, max_distance, joints, angle_length = lax.stop_gradient(
         (robot, pose, direction, max_distance, joints, angle_length)
     )
     start, status = _start(robot, pose, joints, angle_length)
-    return _result(robot, start, _walk(robot, start, direction * start.metric, max_distance, steps), status)
+    return _result(robot, start, _walk(robot, start, direction * start.metric, max_distance, steps), status, moving)
 
 
 def _in_all_directions(
@@ -237,6 +244,7 @@ def _in_all_directions(
     2. Turn each of them towards the normal of the locus that it met, by several shares of the way, and walk again no
        farther than it came; keep what is nearer. Where the direction is the normal, the distance is least.
     """
+    moving = robot, pose, angle_length
     robot, pose, max_distance, joints, angle_length = lax.stop_gradient(
         (robot, pose, max_distance, joints, angle_length)
     )
@@ -264,7 +272,7 @@ def _in_all_directions(
     joined = jnp.broadcast_to(start.joints, (_SLOTS, *start.joints.shape))
     unmet = _Walk(jnp.full(_SLOTS, jnp.inf, pose.dtype), nowhere, nowhere, joined, none, none - 1)
     walks = lax.fori_loop(0, rounds + _TURNS, improve, unmet)
-    return _result(robot, start, jax.tree.map(lambda leaf: leaf[jnp.argmin(walks.distance)], walks), status)
+    return _result(robot, start, jax.tree.map(lambda leaf: leaf[jnp.argmin(walks.distance)], walks), status, moving)
 
 
 def _unit(vectors: jax.Array) -> jax.Array:
@@ -407,13 +415,40 @@ def _edge_normal(robot: Mechanism, start: _Start, step: jax.Array, seen: _Seen, 
     return jax.grad(along)(step)
 
 
-def _result(robot: Mechanism, start: _Start, walk: _Walk, status: Scalar) -> SingularityDistance:
+def _result(
+    robot: Mechanism, start: _Start, walk: _Walk, status: Scalar, moving: tuple[Mechanism, jax.Array, Scalar]
+) -> SingularityDistance:
     shift = jnp.array(_free(robot)) < robot.space.translations
     twist = walk.step / start.metric
     translation, rotation = (jnp.linalg.norm(jnp.where(part, twist, 0)) for part in (shift, ~shift))
     reached = jnp.stack(robot.space.coordinates(*_moved(robot, start, walk.step)[0]))
-    pose = jnp.where(walk.kind == 0, start.pose, reached)
+    met = walk.kind > 0
+    pose = jnp.where(met, reached, start.pose)
     known = status == Status.CONVERGED
-    distance, translation, rotation = (jnp.where(known, x, jnp.nan) for x in (walk.distance, translation, rotation))
+    root = (jnp.where(met, walk.distance, 0),)
+    (length,) = implicit(_off_the_locus, root, met & known, (*moving, lax.stop_gradient((pose, walk))))
+    distance = jnp.where(met, length, jnp.inf)
+    distance, translation, rotation = (jnp.where(known, x, jnp.nan) for x in (distance, translation, rotation))
     kind, leg = (jnp.where(known, x, y).astype(jnp.int32) for x, y in ((walk.kind, 0), (walk.leg, -1)))
     return SingularityDistance(distance, translation, rotation, pose, walk.joints, kind, leg, status)
+
+
+def _off_the_locus(length: tuple[Scalar], args: PyTree) -> tuple[Scalar]:
+    """What is zero where a walk of this length in a fixed direction ends on the locus that it met.
+
+    Type 2: the determinant by twist and passive joints, all joints following the pose. Type 1: u F with the leg's left
+    null vector u and its joints held, for by these u F does not change.
+    """
+    robot, pose, angle_length, (end, walk) = args
+    start = _begun(robot, pose, walk.joints, angle_length)
+    ahead = _unit(walk.step / lax.stop_gradient(start.metric) * start.metric)  # the twist is held, not its components
+    (position, rotation), _ = _moved(robot, start, length[0] * ahead)
+    joints = inverse_kinematics(robot, jnp.stack(robot.space.coordinates(position, rotation)), guess=walk.joints).value
+    d = robot.space.dimension
+    matrix = closure_matrix(robot, position, rotation, joints)
+    type2 = small_determinant(matrix[:, jnp.array([*range(d), *passive_columns(robot)])])
+    places = jnp.stack([jnp.array(c) - d for c in leg_columns(robot)])[walk.leg]
+    there, turned = robot.space.place(end)
+    left = null_vector(_own(lax.stop_gradient(closure_matrix(robot, there, turned, walk.joints)), places, d).T)
+    type1 = left @ jnp.stack(closure(robot, robot.legs(), walk.joints, position, rotation))[places]
+    return (jnp.where(walk.kind == 2, type2, type1),)
