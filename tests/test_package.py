@@ -9,6 +9,8 @@ import subprocess
 import sys
 import tomllib
 
+import jax
+
 import jaxscissor as js
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -87,3 +89,10 @@ def test_readme_shows_a_result_early_and_its_commands_exist():
     assert len(commands) == 2
     for path in re.findall(r"examples/\S+?\.(?:py|png)", "\n".join(lines)):
         assert (ROOT / path).exists(), path
+
+
+def test_robots_are_equal_if_class_and_dimensions_are():
+    robot, other = js.TripleScissorExtender.prototype(), js.TripleScissorExtender.prototype()
+    assert robot == other and hash(robot) == hash(other) and robot in [other]
+    changed = jax.tree.map(lambda x: x * (1 + 1e-15), robot)
+    assert robot != changed and robot != js.NavaroII.prototype() and robot != 1

@@ -1,6 +1,7 @@
 """Design optimization on problems with known answers, and pictures that show what they should."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ import optax
 import pytest
 
 import jaxscissor as js
-from jaxscissor.design import _optimize
+from jaxscissor.design import _run
 
 
 def test_a_bounded_minimum_is_found_at_the_bound_and_inside():
@@ -228,8 +229,11 @@ def test_the_default_ends_on_what_binds_in_a_few_steps():
 
 @pytest.mark.parametrize(
     "method",
-    [js.design.SQP(), *map(js.design.AugmentedLagrangian, (optax.adam(0.03), optax.lbfgs()))],
-    ids=["sqp", "adam", "lbfgs"],
+    [
+        pytest.param(js.design.SQP(), id="sqp"),
+        pytest.param(js.design.AugmentedLagrangian(optax.adam(0.03)), id="adam"),
+        pytest.param(js.design.AugmentedLagrangian(optax.lbfgs()), id="lbfgs", marks=pytest.mark.exhaustive),
+    ],
 )
 def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(method, tmp_path, monkeypatch):
     def tuned(**options):
@@ -244,7 +248,7 @@ def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(method, tmp
             **options,
         )
 
-    path, save, calls = tmp_path / "design.npz", _optimize.save, []
+    path, save, calls = tmp_path / "design.npz", _run.save, []
 
     def save_twice(*args):
         save(*args)
@@ -252,7 +256,7 @@ def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(method, tmp
         if len(calls) == 2:
             raise Stopped
 
-    monkeypatch.setattr(_optimize, "save", save_twice)
+    monkeypatch.setattr(_run, "save", save_twice)
     with pytest.raises(Stopped):
         tuned(checkpoint=path)
     resumed = tuned(checkpoint=path)
@@ -273,6 +277,53 @@ def test_an_optimization_that_was_stopped_ends_as_if_it_had_not_been(method, tmp
             method=method,
             checkpoint=path,
         )
+
+
+def test_an_interrupted_optimization_returns_its_best_and_goes_on(tmp_path, monkeypatch):
+    def tuned(steps=35, **options):
+        bounds = (-2 * jnp.ones(2), 2 * jnp.ones(2))
+        return js.design.optimize(valley, jnp.array([-0.8, 0.9]), bounds=bounds, steps=steps, **options)
+
+    def until(last):
+        def some(numbers, *_):
+            for number in numbers:
+                if number == last:
+                    raise KeyboardInterrupt
+                yield number
+
+        return some
+
+    path, whole, shorter = tmp_path / "design.npz", tuned(), tuned(steps=13)
+    with monkeypatch.context() as patch:
+        patch.setattr(_run, "progress", until(14))
+        stopped = tuned(checkpoint=path)
+        patch.setattr(_run, "progress", until(0))
+        with pytest.raises(KeyboardInterrupt):  # there is nothing to return yet
+            tuned()
+    assert stopped.status is js.Status.INTERRUPTED and stopped.ok and "stopped by the user" in str(stopped)
+    np.testing.assert_array_equal(stopped.params, shorter.params)
+    np.testing.assert_array_equal(stopped.history.objective, shorter.history.objective)
+    resumed = tuned(checkpoint=path)
+    np.testing.assert_array_equal(resumed.history.objective, whole.history.objective)
+    longer = tuned(steps=45, checkpoint=path)
+    np.testing.assert_array_equal(longer.history.objective, tuned(steps=45).history.objective)
+
+
+def test_a_printed_result_says_what_binds_at_what_price():
+    def room(p):
+        return jnp.array([9.0, 1.2 - p[0]])
+
+    def objective(p):
+        return (p[0] - 2) ** 2 + 3 * (p[1] + 1)
+
+    bounds, constraints = (jnp.array([-2.0, 0.0]), jnp.array([2.0, 1.0])), [room, lambda p: 5 - p[0]]
+    result = js.design.optimize(objective, jnp.array([0.0, 0.5]), bounds=bounds, steps=20, constraints=constraints)
+    lines = dict(re.split(r"\s+", line, maxsplit=1) for line in str(result).splitlines())
+    assert list(map(float, result.objective)) == pytest.approx([8.5, 3.64], rel=1e-6)
+    assert lines["objective"] == "8.5 -> 3.64 (-57.2 %)"
+    assert lines["constraints"] == "room[1], 1.6 per unit"
+    assert lines["bounds"] == "parameter[1] low, 3 per unit"
+    assert lines["steps"] == "21, all that were done" and len(lines) <= 10
 
 
 def test_a_checkpoint_is_of_one_optimization_only(tmp_path):

@@ -217,3 +217,45 @@ def test_frames_of_an_animation_show_the_path_within_one_frame(tmp_path):
         js.plot.animate(robot, path[0])
     with pytest.raises(ValueError, match="does not reach"):
         js.plot.animate(js.TripleScissorExtender.prototype(), np.eye(6)[2:3] * 10)
+
+
+def test_a_front_shades_what_is_dominated():
+    values = jnp.array([[0.0, 3.0], [1.0, 1.0], [3.0, 0.0]])
+    front = js.design.ParetoFront(values, values, jnp.zeros(3))
+    ax = js.plot.front(front, labels=["mass (kg)", "error (mm)"])
+    (dots,) = ax.lines
+    np.testing.assert_array_equal(np.array(dots.get_data()).T, values)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("mass (kg)", "error (mm)")
+    (path,) = ax.collections[0].get_paths()
+    inside = [
+        path.contains_point(point) for point in [(0.5, 2.9), (0.5, 3.0 + 1e-9), (1.5, 1.5), (0.9, 1.1), (2.9, 0.9)]
+    ]
+    assert inside == [False, False, True, False, False]
+    with pytest.raises(ValueError, match="two or three metrics"):
+        js.plot.front(js.design.ParetoFront(jnp.zeros((0, 2)), values, jnp.zeros(0)))
+
+
+def test_sensitivities_are_elasticities():
+    """Of a product of powers they are the exponents."""
+    dimensions = {"width": 2.0, "lengths": np.array([3.0, 0.5]), "unused": 7.0, "zero": 0.0}
+    metrics = {
+        "stiffness": lambda d: 5 * d["width"] ** 3 / d["lengths"][1] + d["zero"],
+        "mass": lambda d: d["width"] * d["lengths"][0] ** 2,
+    }
+    ax = js.plot.sensitivity(dimensions, metrics)
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["['lengths'] 2", "['lengths'] 1", "['width']"]
+    found = {group.get_label(): [bar.get_width() for bar in group] for group in ax.containers}
+    assert found["stiffness"] == pytest.approx([-1, 0, 3]) and found["mass"] == pytest.approx([0, 2, 1])
+    with pytest.raises(ValueError, match=r"'lost' with value 0\.0"):
+        js.plot.sensitivity(dimensions, {"lost": lambda d: 0 * d["width"]})
+
+
+def test_before_and_after_share_their_scales():
+    result = js.design.optimize(lambda x: x**2, 0.5, bounds=(-1.0, 1.0), steps=3)
+    one, other = js.plot.before_after(result, lambda x, ax: ax.plot([0, x - 1], [0, 2 * x]))
+    assert one.get_xlim() == other.get_xlim() and one.get_ylim() == other.get_ylim()
+    assert one.get_xlim()[0] < -1 < one.get_xlim()[1] and (one.get_title(), other.get_title()) == (
+        "before: 0.25",
+        "after: 0",
+    )

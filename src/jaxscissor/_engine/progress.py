@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 
 import jax
+
+_PATIENCE = 2.0  # seconds before a bar appears
 
 
 def progress(numbers: range, what: str, unit: str, note: Callable[[int], str] | None = None) -> Iterator[int]:
@@ -17,9 +20,16 @@ def progress(numbers: range, what: str, unit: str, note: Callable[[int], str] | 
     except ImportError:
         yield from numbers
         return
-    with tqdm(total=len(numbers), desc=what, unit=unit, disable=None) as bar:
+    with tqdm(total=len(numbers), desc=what, unit=unit, mininterval=_seconds_between(), delay=_PATIENCE) as bar:
         for number in numbers:
             yield number
-            if note and not bar.disable:
-                bar.set_postfix_str(note(number))
+            if note:
+                bar.set_postfix_str(note(number), refresh=False)
             bar.update()
+
+
+def _seconds_between() -> float:
+    """Between two states of a bar: on a terminal and in a notebook they replace each other, in a log they add up."""
+    if sys.stderr.isatty():
+        return 0.1
+    return 1.0 if "ipykernel" in sys.modules else 10.0

@@ -5,6 +5,7 @@ from jaxscissor.design._optimize import optimize
 from jaxscissor.design._pareto import ParetoFront, optimize_variants, pareto_front
 from jaxscissor.design._result import DesignResult
 from jaxscissor.design._task_metrics import TaskMetrics, task_metrics
+from jaxscissor.design._throughout import Throughout
 from jaxscissor.design._tolerances import (
     PoseError,
     PoseErrorSamples,
@@ -22,6 +23,7 @@ __all__ = [
     "PoseError",
     "PoseErrorSamples",
     "TaskMetrics",
+    "Throughout",
     "optimize",
     "optimize_variants",
     "pareto_front",

@@ -13,16 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxscissor._engine.checkpoint import qualified_name, restore, save, traced
-from jaxscissor._engine.numerics import Scalar
-from jaxscissor._engine.progress import progress
+from jaxscissor._engine.checkpoint import qualified_name, traced
 from jaxscissor._engine.pytree import as_floats, broadcast
 from jaxscissor._engine.types import PyTree
 from jaxscissor.design._methods import SQP, AugmentedLagrangian, Method, checked_method
 from jaxscissor.design._multipliers import multipliers_at
 from jaxscissor.design._problem import (
     FEASIBLE,
-    PERIOD,
     Evaluate,
     Incumbent,
     Solver,
@@ -33,7 +30,9 @@ from jaxscissor.design._problem import (
     to_units,
 )
 from jaxscissor.design._result import DesignResult, History, Starts
+from jaxscissor.design._run import Clock, run
 from jaxscissor.design._scaling import Scale, first_scale
+from jaxscissor.design._throughout import Throughout, exchanged
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.regions._regions import Sample
 from jaxscissor.regions._samples import PosesLike
@@ -75,7 +74,7 @@ def optimize(
         the better choice for hundreds of parameters, and the default with batches.
       constraints: functions of a robot, satisfied where every entry is >= 0; all entries of one in the same unit. An
         entry that is ``nan``, of a pose that is not reached, counts as violated but does not pull: give the
-        margin, too.
+        margin, too. A ``design.Throughout`` is kept all over a region.
       starts: number of starts; those after the first are the best among random designs, 64 per start.
       seed: of the random designs.
       poses: ``(n, d)`` poses, or a sample of a region, for an ``objective(robot, poses)``.
@@ -84,11 +83,13 @@ def optimize(
         the end the starts are compared over all poses.
       tolerance: stop when over the last fifth of ``steps`` no start's best objective fell by more.
       checkpoint: path of an ``.npz`` file, replaced every ten steps. An optimization that was stopped goes on
-        from there when called again, to the same result; a finished one is read.
+        from there when called again, to the same result; a finished one is read, or continued if more steps are
+        asked for.
 
     Returns:
       ``design.DesignResult`` with the best design that any step found and that violates no constraint by more
       than a thousandth of the slope that it has at first across the bounds; by SQP, than a millionth if there is one.
+      Ctrl-C ends the steps and returns the best design so far. ``print`` shows the result in some ten lines.
 
     Raises:
       ValueError: bounds that are not finite, out of order, or of another structure than ``params``;
@@ -101,6 +102,50 @@ def optimize(
       >>> round(float(result.params), 3), result.status.name, round(float(result.multipliers.high), 3)
       (1.0, 'IMPROVED', 2.0)
     """
+    limits = [constraint for constraint in constraints if isinstance(constraint, Throughout)]
+    if limits and checkpoint is not None:
+        raise ValueError("Got a checkpoint and a Throughout, which takes several optimizations; leave one of them out.")
+
+    problem = _Problem(
+        objective,
+        bounds,
+        steps,
+        build,
+        method,
+        tuple(constraints),
+        starts,
+        seed,
+        poses,
+        batch_size,
+        tolerance,
+        checkpoint,
+    )
+    return exchanged(partial(_optimized, problem), params, limits) if limits else _optimized(problem, params, ())
+
+
+class _Problem(NamedTuple):
+    """What is optimized and how, but for the first start."""
+
+    objective: Callable[..., Any]
+    bounds: tuple[Any, Any]
+    steps: int
+    build: Callable[[Any], Any]
+    method: Method | None
+    constraints: tuple[Any, ...]
+    starts: int
+    seed: int
+    poses: PosesLike | None
+    batch_size: int | None
+    tolerance: float | None
+    checkpoint: str | os.PathLike[str] | None
+
+
+def _optimized(problem: _Problem, params: PyTree, at: tuple[jax.Array, ...]) -> DesignResult:
+    """One optimization, with constraints throughout regions at the poses ``at`` of each."""
+    objective, bounds, steps, build, method, constraints, starts, seed, poses, batch_size, tolerance, checkpoint = (
+        problem
+    )
+    clock = Clock()
     stored = poses if poses is None or isinstance(poses, Sample) else jnp.asarray(poses)
     _check_counts(steps, starts, stored, batch_size, tolerance)
     method = checked_method(method, SQP() if batch_size is None else AugmentedLagrangian())
@@ -108,13 +153,13 @@ def optimize(
         raise ValueError("Got batches and SQP, whose steps must see one objective; pass AugmentedLagrangian().")
     params, low, high = checked_bounds(params, bounds)
     initial = build(params)  # at once: it may refuse the parameters
-    programs = _programs(objective, build, tuple(constraints), method, steps, batch_size)
+    programs = _programs(objective, build, constraints, method, steps, batch_size)
     given = to_units(params, low, high)
     one = np.ones((), jax.tree.leaves(low)[0].dtype)
-    plain = (low, high, stored, Scale(one, (one,) * len(constraints))), jnp.uint32(0)
+    plain = (low, high, stored, Scale(one, (one,) * len(constraints)), at), jnp.uint32(0)
     first = programs.solver.linearize(given, (), plain)
     scale, sizes = first_scale(first)
-    numbers = low, high, stored, scale
+    numbers = low, high, stored, scale, at
     units = _screened(programs, numbers, given, starts, seed)
     state = programs.solver.init(units, (), (numbers, jnp.uint32(0)))
 
@@ -126,16 +171,16 @@ def optimize(
         job = {
             "parameters": (params, low, high),
             "poses": stored,
-            "settings": str((steps, starts, seed, batch_size, tolerance)),
+            "settings": str((starts, seed, batch_size)),
             "objective": (qualified_name(objective), qualified_name(build), _traced(programs, units, numbers)),
             "constraints": list(map(qualified_name, constraints)),
             "method": _traced_method(method, step, state),
         }
     unit, each = float(scale.objective), scale.of_entries(sizes)
     small = None if tolerance is None else tolerance / unit
-    run = _run(step, state, steps, small, checkpoint, job, unit)
-    best = jax.tree.map(jnp.asarray, run.state.best)
-    started = run.log[0][0, 0], run.log[1][0, 0]
+    done = run(step, state, steps, small, checkpoint, job, unit, clock)
+    best = jax.tree.map(jnp.asarray, done.state.best)
+    started = done.log[0][0, 0], done.log[1][0, 0]
     if batch_size is not None:
         judged = jax.tree.map(lambda first, others: jnp.concatenate([first[:1], others]), units, best.units)
         over_all = programs.judge(judged, numbers)[0]
@@ -144,7 +189,9 @@ def optimize(
     all_params = jax.vmap(from_unit, (0, None, None))(best.units, low, high)
     design = jax.tree.map(lambda leaf: leaf[chosen], all_params)
     refusal = _refusal(build, design)
-    log = run.log[0] * unit, run.log[1], run.log[2] * (unit / each)
+    if status in (Status.IMPROVED, Status.NOT_IMPROVED):
+        status = Status.IMPOSSIBLE if refusal else Status.INTERRUPTED if done.interrupted else status
+    log = done.log[0] * unit, done.log[1], done.log[2] * (unit / each)
     return DesignResult(
         params=design,
         robot=programs.build(design),  # which refuses nothing, so that a design that is no robot is returned, too
@@ -152,10 +199,14 @@ def optimize(
         history=History(*map(jnp.asarray, log)),
         starts=Starts(all_params, best.objective * unit, best.violation),
         multipliers=multipliers_at(
-            *_at_best(programs, method, step, run.state, numbers), chosen, (low, high), unit, each
+            *_at_best(programs, method, step, done.state, numbers), chosen, (low, high), unit, each
         ),
-        status=Status.IMPOSSIBLE if refusal and status in (Status.IMPROVED, Status.NOT_IMPROVED) else status,
-        settled=run.settled,
+        objective=(jnp.asarray(started[0] * unit), best.objective[chosen] * unit),
+        worst=(),
+        status=status,
+        settled=done.settled,
+        seconds=done.seconds,
+        entries=tuple(zip(map(_name, constraints, range(len(constraints))), sizes, strict=True)),
         message=" ".join(filter(None, [refusal, *_hints(first, given)])),
     )
 
@@ -182,10 +233,10 @@ def _programs(
     """The programs of these functions; a second optimization of the same ones compiles nothing."""
 
     def evaluate(unit: PyTree, _: object, shared_args: PyTree, size: int | None = batch_size):
-        (low, high, poses, scale), number = shared_args
+        (low, high, poses, scale, at), number = shared_args
         robot = build(from_unit(unit, low, high))
         value = _number(objective(robot, *_batch(poses, size, number)))
-        values = zip(constraint_values(constraints, robot), scale.constraints, strict=True)
+        values = zip(constraint_values(constraints, robot, at), scale.constraints, strict=True)
         return value / scale.objective, tuple(entries / one for entries, one in values)
 
     def screen(units: PyTree, numbers: PyTree, size: int | None = batch_size, together: int | None = _TOGETHER):
@@ -240,55 +291,6 @@ def _screened(programs: _Programs, numbers: PyTree, given: PyTree, starts: int, 
     objective, violation = programs.screen(drawn, numbers)
     order = jnp.lexsort([objective, violation])[: starts - 1]
     return jax.tree.map(lambda first, others: jnp.concatenate([first, others[order]]), given, drawn)
-
-
-class _Run(NamedTuple):
-    """The state after the last step, and what all steps found: objectives, violations, multipliers."""
-
-    state: Any
-    log: tuple[np.ndarray, ...]
-    settled: bool
-
-
-def _run(
-    step: Callable[..., Any],
-    state: PyTree,
-    steps: int,
-    tolerance: Scalar,
-    checkpoint: Any,
-    job: dict[str, Any],
-    unit: float,
-) -> _Run:
-    """All steps, or those that a checkpoint lacks."""
-    log = _empty_log(steps + 1, state)
-    done, path = 0, None if checkpoint is None else os.fspath(checkpoint)
-    if path is not None:
-        done, (state, saved) = restore(path, job, (state, log))
-        log = tuple(np.array(column) for column in saved)
-    numbers = range(done, steps + 1)
-    for number in progress(numbers, "design", "step", lambda i: f"objective {unit * np.nanmin(log[0][i]):.5f}"):
-        if tolerance is not None and _settled(log, number, max(steps // 5, PERIOD), tolerance):
-            return _Run(state, tuple(column[:number] for column in log), settled=True)
-        log[2][number] = state.multipliers
-        state, info = step(state, number, number % PERIOD == PERIOD - 1)
-        log[0][number], log[1][number] = info.objective, info.violation
-        if path is not None and (number % PERIOD == PERIOD - 1 or number == steps):
-            save(path, job, number + 1, (state, log))
-    return _Run(state, log, settled=False)
-
-
-def _empty_log(rows: int, state: PyTree) -> tuple[np.ndarray, ...]:
-    columns = state.best.objective, state.best.violation, state.multipliers
-    return tuple(np.full((rows, *column.shape), np.nan, column.dtype) for column in columns)
-
-
-def _settled(log: tuple[np.ndarray, ...], number: int, window: int, tolerance: float) -> bool:
-    """Whether every start has a design that keeps the constraints, and none a better one since the window began."""
-    if number <= window:
-        return False
-    allowed = np.where(log[1][:number] <= FEASIBLE, log[0][:number], np.inf)
-    before = np.min(allowed[:-window], axis=0)
-    return bool(np.all(before < np.inf) and np.all(np.min(allowed, axis=0) >= before - tolerance))
 
 
 def _batch(poses: Sample | jax.Array | None, size: int | None, number: jax.Array) -> tuple[Any, ...]:
@@ -351,6 +353,12 @@ def _chosen(best: Incumbent, started: tuple[Any, Any]) -> tuple[int, Status]:
     chosen = int(jnp.argmin(jnp.where(kept, value, jnp.inf)))
     improved = not (started[1] <= FEASIBLE) or bool(value[chosen] < started[0])
     return chosen, Status.IMPROVED if improved else Status.NOT_IMPROVED
+
+
+def _name(constraint: Callable[..., Any], number: int) -> str:
+    """What a constraint is called: as its function, or if that has no name by its number."""
+    name = qualified_name(getattr(constraint, "quantity", constraint)).split(".")[-1]
+    return f"constraint {number}" if name == "<lambda>" else name
 
 
 def _refusal(build: Callable[[Any], Any], design: PyTree) -> str:

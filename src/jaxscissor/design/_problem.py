@@ -89,15 +89,21 @@ def random_units(like: PyTree, count: int, generator: np.random.Generator) -> An
     return jax.tree.map(lambda leaf: jnp.asarray(generator.random((count, *leaf.shape[1:])), leaf.dtype), like)
 
 
-def constraint_values(constraints: Sequence[Callable[[Any], Any]], robot: Mechanism) -> Constraints:
-    """The entries of every constraint.
+def constraint_values(
+    constraints: Sequence[Callable[[Any], Any]], robot: Mechanism, at: Sequence[jax.Array] = ()
+) -> Constraints:
+    """The entries of every constraint, of those throughout a region at the poses ``at`` of each.
 
     Raises:
       ValueError: a constraint that gives no real numbers.
     """
-    found = []
+    found, poses = [], iter(at)
     for index, constraint in enumerate(constraints):
-        values = jnp.ravel(jnp.asarray(constraint(robot)))
+        throughout: Any = getattr(constraint, "at", None)
+        if throughout and len(at) == 0:
+            raise ValueError("Got a Throughout, which only design.optimize can keep; expected functions of a robot.")
+        value = throughout(robot, next(poses)) if throughout else constraint(robot)
+        values = jnp.ravel(jnp.asarray(value))
         if not jnp.issubdtype(values.dtype, jnp.floating):
             raise ValueError(
                 f"Got constraint {index} of dtype {values.dtype}; expected real numbers that are >= 0 where it is "

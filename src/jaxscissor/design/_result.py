@@ -11,7 +11,9 @@ import jax.numpy as jnp
 from jaxscissor._engine.pytree import pytree, static
 from jaxscissor.design._multipliers import Multipliers
 from jaxscissor.design._problem import concatenated, constraint_values
+from jaxscissor.design._summary import summary
 from jaxscissor.kinematics._solution import Status
+from jaxscissor.workspace._worst_over import Worst
 
 
 @pytree
@@ -66,10 +68,14 @@ class DesignResult:
       history: ``History`` of all starts.
       starts: ``Starts``, the best of each.
       multipliers: ``Multipliers``, which constraints and bounds hold the design back.
-      status: ``IMPROVED``; ``NOT_IMPROVED`` on the parameters given; ``INFEASIBLE`` if no design kept the
-        constraints; ``NONFINITE`` if no start had a finite objective with a finite gradient; ``IMPOSSIBLE`` if
-        ``build`` refuses the best design.
+      objective: of the parameters given and of the best design.
+      worst: of every ``design.Throughout``, its least value in the region and the pose that has it, by a search.
+      status: ``IMPROVED``; ``NOT_IMPROVED`` on the parameters given; ``INTERRUPTED`` by Ctrl-C, with a design that
+        keeps the constraints; ``INFEASIBLE`` if no design kept them; ``NONFINITE`` if no start had a finite objective
+        with a finite gradient; ``IMPOSSIBLE`` if ``build`` refuses the best design.
       settled: whether it stopped before the last step because the objective no longer fell.
+      seconds: until the first step was done, compilation included, and of the others.
+      entries: names of the constraints, and how many entries each has.
       message: what is to be known besides, such as a gradient that is zero or not finite; or nothing.
     """
 
@@ -79,14 +85,22 @@ class DesignResult:
     history: History
     starts: Starts
     multipliers: Multipliers
+    objective: tuple[jax.Array, jax.Array]
+    worst: tuple[Worst, ...]
     status: Status = static()
     settled: bool = static()
+    seconds: tuple[float, float] = static()
+    entries: tuple[tuple[str, int], ...] = static()
     message: str = static(default="")
 
     @property
     def ok(self) -> bool:
         """Whether the design keeps the constraints and a robot can be built of it."""
-        return self.status in (Status.IMPROVED, Status.NOT_IMPROVED)
+        return self.status in (Status.IMPROVED, Status.NOT_IMPROVED, Status.INTERRUPTED)
+
+    def __str__(self) -> str:
+        """What happened, in some ten lines."""
+        return summary(self)
 
     def validate(self, metric: Callable[[Any], Any], constraints: Sequence[Callable[[Any], Any]] = ()) -> Validation:
         """Compare the robot with the initial one by a metric, a hard one on a dense sample of its own.

@@ -32,6 +32,7 @@ class Status(enum.IntEnum):
     NO_CLEAR_MODE = 11
     OUT_OF_REACH = 12
     CONTRADICTION = 13
+    INTERRUPTED = 14
 
     @property
     def message(self) -> str:
@@ -57,6 +58,7 @@ _MESSAGES = {
     Status.OUT_OF_REACH: "a pose, or of a plan some poses in every mode, is beyond a limit",
     Status.CONTRADICTION: "more joints are actuated than the platform has freedoms, and no pose near the guess has "
     "them all; the value is the pose of least residual",
+    Status.INTERRUPTED: "stopped by the user; the design is the best feasible one until then",
 }
 
 

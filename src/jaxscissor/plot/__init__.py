@@ -1,5 +1,6 @@
-"""Matplotlib pictures: robots, workspaces, singularities, the course of an optimization."""
+"""Matplotlib pictures: robots, workspaces, singularities, designs and the course of an optimization."""
 
+from jaxscissor.plot._design import before_after, front, sensitivity
 from jaxscissor.plot._history import history
 from jaxscissor.plot._robot import animate, robot
 from jaxscissor.plot._singularities import singularity_map, surface
@@ -7,8 +8,11 @@ from jaxscissor.plot._workspace import workspace, workspace_slice
 
 __all__ = [
     "animate",
+    "before_after",
+    "front",
     "history",
     "robot",
+    "sensitivity",
     "singularity_map",
     "surface",
     "workspace",

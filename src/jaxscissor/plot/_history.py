@@ -8,8 +8,6 @@ import numpy as np
 
 from jaxscissor.design._optimize import DesignResult
 from jaxscissor.plot._robot import LEG_COLORS
-from jaxscissor.plot._singularities import singularity_map as singularity_map
-from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import new_axes
 
 if TYPE_CHECKING:

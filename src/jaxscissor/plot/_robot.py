@@ -13,8 +13,6 @@ from jaxscissor._engine.types import JointsLike, Numbers, PoseLike
 from jaxscissor._engine.vectors import Vec
 from jaxscissor.kinematics._configuration import configuration
 from jaxscissor.kinematics._legs import place
-from jaxscissor.plot._singularities import singularity_map as singularity_map
-from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import finish, new_axes
 from jaxscissor.robots._contract import Mechanism, joints_by_leg
 from jaxscissor.robots._over_legs import one_by_one

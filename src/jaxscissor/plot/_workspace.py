@@ -11,8 +11,6 @@ import numpy as np
 
 from jaxscissor._engine.types import Numbers, PoseLike
 from jaxscissor.kinematics._constraints import constrained_pose
-from jaxscissor.plot._singularities import singularity_map as singularity_map
-from jaxscissor.plot._singularities import surface as surface
 from jaxscissor.plot._slices import finish, label_slice, margins_of, new_axes, slice_of
 from jaxscissor.robots._contract import Mechanism
 from jaxscissor.robots._spaces import position_size

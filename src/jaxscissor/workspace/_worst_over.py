@@ -85,7 +85,7 @@ def worst_over(
         raise ValueError(f"Got samples={samples} and starts={starts}; expected 1 <= starts <= samples.")
     robot, region = as_floats(robot, poses)
     check_region(robot, region)
-    return _searched(quantity, robot, region, samples=samples, starts=starts, steps=steps)
+    return searched(quantity, robot, region, samples=samples, starts=starts, steps=steps)
 
 
 @keyed
@@ -111,7 +111,7 @@ def _worst(quantity: Quantity, robot: Mechanism, sample: AnySample) -> Worst:
 
 
 @keyed
-def _searched(quantity: Quantity, robot: Mechanism, region: Region, **settings: int) -> Worst:
+def searched(quantity: Quantity, robot: Mechanism, region: Region, **settings: int) -> Worst:
     """The least of each entry by a search of its own."""
     shape = jax.eval_shape(lambda: quantity(robot, region.from_unit(jnp.full(region.unit_dimension, 0.5)))).shape
     if not shape:
