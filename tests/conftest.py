@@ -68,7 +68,6 @@ ROBOTS = {
     "tse_prototype": js.TripleScissorExtender.prototype,
     "tse_clockwise": tse_clockwise,
     "navaro_mode_8": partial(js.NavaroII.prototype, 8),
-    "tri_scott_skewed": tri_scott_skewed,
     "three_prs": ThreePRS.example,
     "linear_delta": LinearDelta.example,
 }
@@ -77,6 +76,7 @@ ROBOTS = {
 MORE = {  # by ``-m exhaustive``
     "stewart_gough": js.StewartGough.prototype,
     **{f"navaro_mode_{mode}": partial(js.NavaroII.prototype, mode) for mode in (1, 3, 6)},
+    "tri_scott_skewed": tri_scott_skewed,
     "tri_scott": js.TriScott.prototype,
     "micabo": js.Micabo.prototype,
     "planar_3rpr": Planar3RPR.example,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxscissor as js
-from tests.conftest import as_users
+from tests.conftest import as_users, exhaustive
 from tests.oracles import apices, quartic_joints
 
 DESIGNS = [(0.2647, math.pi / 6, 0.0186, 0.11765), (0.45, 0.9, 0.15, 0.1), (0.15, -0.2, 0.12, 0.05)]
@@ -18,7 +18,7 @@ def in_single(tree):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
 
 
-@pytest.mark.parametrize("ratios", DESIGNS)
+@pytest.mark.parametrize("ratios", [DESIGNS[0], *exhaustive(*DESIGNS[1:])])
 def test_verdicts_in_single_precision(ratios, random_poses):
     """As in double precision, but for poses within 1000 eps of an edge."""
     robot = in_single(js.TripleScissorExtender.from_ratios(*ratios))
@@ -73,6 +73,7 @@ def test_results_keep_the_dtype(prototype):
     assert float(js.workspace.fraction(single, sample)) == pytest.approx(0.295, abs=0.02)
 
 
+@pytest.mark.exhaustive
 def test_clearance_in_single_precision():
     """Mode 8 of NaVARo II is loose at alpha = 0 [NAV19 eq. 38]; the other number is of a run in double precision."""
     navaro = in_single(js.NavaroII.prototype(8))
@@ -90,6 +91,7 @@ def test_clearance_in_single_precision():
     assert abs(float(type1)) < 1e-3  # it vanishes with the root of the distance
 
 
+@pytest.mark.exhaustive
 def test_aspects_in_single_precision():
     """As many regions, cells and signs as in double precision, from which the numbers are."""
     whole = js.NavaroII.prototype(8)
@@ -103,6 +105,7 @@ def test_aspects_in_single_precision():
     assert path.clear and not js.singularities.aspect_path(robot, found, [45.0, 26.0, 0.5], [45.0, 26.0, -0.5]).clear
 
 
+@pytest.mark.exhaustive
 def test_plans_in_single_precision():
     """Modes, the switch and the worst measure as in double precision, from which the numbers are."""
     path = np.linspace([45.0, 26.0, 1.4], [45.0, 26.0, -0.9], 93)

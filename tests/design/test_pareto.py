@@ -30,6 +30,7 @@ def test_a_hollow_front_is_found_from_end_to_end():
     assert (np.diff(values[:, 0]) > 0).all() and (np.diff(values[:, 1]) < 0).all()
 
 
+@pytest.mark.exhaustive
 def test_three_metrics_under_a_constraint_share_a_triangle():
     """Distances to three corners: their triangle is efficient, cut at y = 0.2 and with the edge there made whole."""
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]])
@@ -73,6 +74,7 @@ def test_choices_are_ranked_and_impossible_ones_come_last():
         js.design.optimize_variants(lambda x: x, {})
 
 
+@pytest.mark.exhaustive
 def test_actuation_modes_of_navaro_can_be_chosen_among():
     """The mode with the largest worst type-2 measure over a task, by enumeration and by hand."""
     task = js.Disc([45.0, 26.0], 10.0, 0.3, 0.6).quasi_random(64)[:]

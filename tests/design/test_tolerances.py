@@ -82,6 +82,7 @@ def test_sensitivity_of_the_hexapod_is_that_of_scipys_solutions():
     assert (found.stroke == 0).all()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("make", [Planar3RPR.example, LinearDelta.example, *exhaustive(ThreePRS.example)])
 def test_legs_that_err_alike_err_as_the_robot_does(make):
     """Summed over the legs, the sensitivity is the derivative of forward kinematics by the shared dimension."""
@@ -180,6 +181,7 @@ def test_poses_that_are_not_reached_or_singular_are_nan_and_leak_nothing():
         assert close(whole, three / 3, 1e-12)
 
 
+@pytest.mark.exhaustive
 def test_unreached_poses_and_wild_tolerances_are_statuses(prototype):
     made = js.design.tolerances(prototype, link_lengths=1e-4)
     high = prototype.home()[0].at[2].set(5.0)

@@ -50,6 +50,7 @@ def reached(robot, rng, n):
     return poses[picked], solution.value[picked]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "ratios", [(0.2647, np.pi / 6, 0.0186, 0.11765), *exhaustive((0.45, 0.9, 0.15, 0.1), (0.3, -0.3, 0.2, 0.1))]
 )
@@ -147,6 +148,7 @@ def planar_known():
     return js.NavaroII([[0, 0], [15.91, 0], [0, 10]], platform, mode=8)
 
 
+@pytest.mark.exhaustive
 def test_roots_crowded_on_a_short_arc_are_all_found():
     """Nearly flat platforms: the corners can move on one to ten per cent of their circles only."""
     robot = js.TripleScissorExtender.from_ratios(0.45, 0.9, 0.15, 0.1)
@@ -180,6 +182,7 @@ def test_tri_scott_has_twelve_modes_where_the_planar_one_has_six_both_ways():
     assert (up > 0).sum() == 6 and (up < 0).sum() == 6
 
 
+@pytest.mark.exhaustive
 def test_published_hexapod_has_forty_modes():
     robot, lengths = published_hexapod()
     modes = js.forward_kinematics_all(robot, lengths)
@@ -188,6 +191,7 @@ def test_published_hexapod_has_forty_modes():
     assert float(residuals.max()) < 1e-10
 
 
+@pytest.mark.exhaustive
 def test_too_few_places_are_admitted_by_the_count():
     robot, lengths = published_hexapod()
     modes = js.forward_kinematics_all(robot, lengths, modes=10)

@@ -102,7 +102,8 @@ def test_closure_jacobians_are_the_differences_of_the_residual(robot, rng):
     assert close(b, central_differences(lambda q: js.residual(robot, pose, joints=q), joints), 1e-8)
 
 
-def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_differences(robot, rng):
+def test_forward_kinematics_differentiates_alike_in_both_modes_and_by_differences(robot_of_a_kind, rng):
+    robot = robot_of_a_kind
     """By every dimension of the robot, and by the joints."""
     joints = shaken_joints(robot, rng)[0]
     one_way, other_way = forward_mode(robot, joints), reverse_mode(robot, joints)
@@ -141,8 +142,9 @@ def squares(robot, joints):
     return jnp.sum(forward(robot, joints) ** 2)
 
 
-def test_second_derivatives_agree_with_differences_of_the_first(robot_of_a_kind, rng):
-    robot = robot_of_a_kind
+@pytest.mark.parametrize("name", ["navaro_mode_8", *exhaustive(*(name for name in ALL if name != "navaro_mode_8"))])
+def test_second_derivatives_agree_with_differences_of_the_first(name, rng):
+    robot = ALL[name]()
     joints = shaken_joints(robot, rng)[0]
     hessian = second_derivatives(robot, joints)
     assert close(hessian, hessian.T, 1e-10)
@@ -303,7 +305,9 @@ def all_modes(robot, joints):
     return js.forward_kinematics_all(robot, joints, starts=500)
 
 
-def test_the_generating_pose_is_among_the_assembly_modes(robot, rng):
+@pytest.mark.parametrize("name", ["tse_prototype", *exhaustive(*(name for name in ALL if name != "tse_prototype"))])
+def test_the_generating_pose_is_among_the_assembly_modes(name, rng):
+    robot = ALL[name]()
     joints = shaken_joints(robot, rng)
     poses = forward_batch(robot, joints)
     assert bool(poses.converged.all())

@@ -57,6 +57,7 @@ def test_forward_kinematics_gives_the_pose_back_and_says_when_lengths_disagree(r
     assert (np.asarray(wrong.residual_norm) > 1e-4).all()
 
 
+@pytest.mark.exhaustive
 def test_its_derivative_inverts_that_of_inverse_kinematics(robot, rng):
     pose = poses(rng, 1)[0]
     joints = js.inverse_kinematics(robot, pose).value

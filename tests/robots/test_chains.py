@@ -74,13 +74,18 @@ def universal(skew):
     return js.robots.linkage(chains, [0, 0, 0.8, 0, 0, 0], dependent=("roll", "pitch", "yaw"))
 
 
-ROBOTS = {"RR*R": lambda: planar(1)}
-MORE = {"R*RP": carried, "RR*RS": spatial, "R*RS": three_rrs, "UP*U": lambda: universal(0.2)}
+ROBOTS = {
+    "RR*R": lambda: planar(1),
+    "R*RP": carried,
+    "RR*RS": spatial,
+    "R*RS": three_rrs,
+    "UP*U": lambda: universal(0.2),
+}
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, *exhaustive(*MORE)])
+@pytest.mark.parametrize("name", exhaustive(*ROBOTS))
 def test_a_robot_of_chains_keeps_the_contract(name):
-    robot = (ROBOTS | MORE)[name]()
+    robot = ROBOTS[name]()
     assert robot.chains()[0].letters == name
     js.check_robot(robot, poses=64)
 

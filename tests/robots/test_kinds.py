@@ -169,6 +169,7 @@ def test_tricept_points_along_its_middle_leg(rng):
     np.testing.assert_allclose(back.value, poses, atol=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_platform_points_along_a_leg_without_a_motor(rng):
     """A constraint that depends on the joints, of a leg that has more of them than the others."""
     robot = arm()

@@ -100,6 +100,7 @@ def test_moving_the_base_is_moving_the_platform_back(robot):
     assert jax.jit(closure)(base).shape  # a base that is traced
 
 
+@pytest.mark.exhaustive
 def test_weights_pull_down_in_the_world(prototype):
     """On its side it feels what it felt upright under a gravity turned the other way."""
     there, turned = js.robots.mounted(prototype, BASE), matrix(BASE)
@@ -118,6 +119,7 @@ def test_weights_pull_down_in_the_world(prototype):
     np.testing.assert_allclose(bars[1].pins, turned_pins, atol=1e-9 * np.abs(np.asarray(bars[0].pins)).max())
 
 
+@pytest.mark.exhaustive
 def test_a_robot_on_a_robot_has_a_pose_of_its_own(prototype):
     """A delta under the platform of a TSE: its derivative by the TSE's joints, through both, against differences."""
     delta = LinearDelta.example()

@@ -308,6 +308,7 @@ def test_a_five_bar_in_its_plane_has_two_assembly_modes_and_four_working_modes()
     assert np.isfinite(nearest.distance) and nearest.pose.shape == (2,)
 
 
+@pytest.mark.exhaustive
 def test_a_robot_that_only_turns_has_metrics_of_a_task():
     robot = js.robots.AgileEye.prototype()
     ratios = js.gear_ratios(robot, [0.3, -0.2, 0.4]).rotation

@@ -85,6 +85,7 @@ def test_every_pose_gets_the_verdict_of_the_quartic(ratios, random_poses):
     assert np.asarray(solution.residual_norm)[home].max() < 1e-12
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("ratios", [DESIGNS[0], *exhaustive(*DESIGNS[1:4])])
 def test_home_is_what_continuation_from_home_reaches(ratios, random_poses):
     robot = design_of(ratios)

@@ -66,7 +66,7 @@ def test_limits_bound_the_aspects_and_angles_wrap():
     assert found.label([500.0, 26.0, 0.5]) == -1
 
 
-@pytest.mark.parametrize("mode", [2, *exhaustive(5)])
+@pytest.mark.parametrize("mode", exhaustive(2, 5))
 def test_a_cuspidal_pair_has_the_same_joints_and_a_regular_path(mode):
     """The paper's open question, answered by an example: verified here by det A of [NAV19 eq. 6]."""
     robot, found = endless(mode), js.singularities.aspects(endless(mode), BOX, (32, 32, 32), min_type2=0.02)

@@ -26,6 +26,7 @@ def paper_determinant(ratios, apex, joints):
     return a11 * a22 - a12 * a21
 
 
+@pytest.mark.exhaustive
 def test_type_1_measure_has_the_sign_of_the_papers_determinant_in_every_working_mode(rng):
     robot = js.TripleScissorExtender.from_ratios(*RATIOS)
     poses = js.Cylinder(0.4, 0.9).quasi_random(300)[:]
@@ -115,6 +116,7 @@ def type_1_distance(count, rng):
     return np.abs(found - t)
 
 
+@pytest.mark.exhaustive
 def test_type_1_vanishes_where_two_working_modes_meet(rng):
     assert type_1_distance(100, rng).max() < 1e-8
 
@@ -239,7 +241,7 @@ def type_2_distance(mode, count, rng):
     return np.asarray(jax.jit(jax.vmap(step))(type_2_points(mode, count, rng)))
 
 
-@pytest.mark.parametrize("mode", [1, 8, *exhaustive(3, 6)])
+@pytest.mark.parametrize("mode", [8, *exhaustive(1, 3, 6)])
 def test_type_2_vanishes_where_two_assembly_modes_meet(mode, rng):
     assert type_2_distance(mode, 25, rng).max() < 1e-8
 
@@ -281,7 +283,10 @@ LOOSE = {
 }
 
 
-@pytest.mark.parametrize("case", LOOSE)
+LOOSEST = "NaVARo II, mode 8, not turned"
+
+
+@pytest.mark.parametrize("case", [LOOSEST, *exhaustive(*(case for case in LOOSE if case != LOOSEST))])
 def test_a_derivative_that_does_not_exist_is_zero(case):
     """The platform moves while the actuators rest; the derivative of forward kinematics was 1e15 and more."""
     build, moved = LOOSE[case]

@@ -160,6 +160,7 @@ def test_soft_gradients_differentiate_the_soft_fraction(prototype):
     assert float(batch[0]) == pytest.approx(float(difference), rel=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_a_soft_gradient_comes_with_the_error_that_independent_samples_show():
     robot, poses = LinearDelta.example(), 2000
     low, high = (robot.home()[0] + side * 0.5 * robot.length for side in (-1, 1))
@@ -179,6 +180,7 @@ def test_a_soft_gradient_comes_with_the_error_that_independent_samples_show():
     assert all(bool(jnp.isnan(x)) for x in jax.tree.leaves(js.workspace.soft_gradient(robot, drawn[0, :1]).error))
 
 
+@pytest.mark.exhaustive
 def test_soft_gradients_approach_the_derivative_of_the_hard_fraction():
     theta = jnp.asarray(PROTOTYPE)
     reference = boundary_derivative(theta, rays=1500, cells=800)

@@ -28,6 +28,7 @@ def random_robots(rng, n):
     return base, platform, jax.tree.map(lambda *leaves: jnp.stack(leaves), *robots)
 
 
+@pytest.mark.exhaustive
 def test_strokes_of_ten_robots_of_any_shape_against_dense_sampling(rng):
     base, platform, robots = random_robots(rng, 10)
     center, radius, turn = np.mean(base, axis=1), rng.uniform(5, 20, 10), rng.uniform(0.3, 1.5, 10)

@@ -9,7 +9,7 @@ import jaxscissor as js
 from tests.conftest import ALL, exhaustive
 
 
-@pytest.mark.parametrize("name", ["tse_prototype", "three_prs", *exhaustive("navaro_mode_1", "tri_scott_skewed")])
+@pytest.mark.parametrize("name", ["tse_prototype", *exhaustive("three_prs", "navaro_mode_1", "tri_scott_skewed")])
 def test_shares_add_up_to_what_is_out_of_reach(name):
     robot = ALL[name]()
     home = np.asarray(robot.home()[0])

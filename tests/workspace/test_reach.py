@@ -23,6 +23,7 @@ def level_heights(theta):
     return jnp.sqrt(jnp.sin(stops) ** 2 - (k4 - k3 - slides * jnp.sin(eta)) ** 2)
 
 
+@pytest.mark.exhaustive
 def test_the_prototype_stands_as_high_as_its_stops_let_its_leaning_scissors():
     theta = jnp.array([0.2647, np.pi / 6, 0.0186, 0.11765, np.arcsin(0.324 / 1.727), np.arcsin(1.619 / 1.727)])
 
@@ -81,6 +82,7 @@ def test_a_planar_robot_goes_until_the_first_leg_ends():
     assert js.workspace.reach_along(robot, pose, way, max_distance=1.0) == jnp.inf
 
 
+@pytest.mark.exhaustive
 def test_a_bound_platform_moves_as_its_constraints_let_it():
     """Level and central, a 3-PRS needs no parasitic motion: it ends where the rods stand upright."""
     low, high = js.workspace.height_range(ThreePRS.example())

@@ -92,6 +92,7 @@ def test_derivatives_of_the_soft_fraction_with_a_set_agree_with_differences():
     assert float(slopes[0]) == pytest.approx(float(values[1] - values[2]) / (2 * step), rel=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_a_path_is_reached_where_it_runs_in_the_ring():
     """Three legs of a path, crossing the ring's hole, its outside and its edge."""
     robot = ring(0.4, 1.0)
@@ -119,6 +120,7 @@ def test_a_path_is_reached_where_it_runs_in_the_ring():
     np.testing.assert_allclose(js.workspace.PosePath(corners).from_unit(jnp.ones(1)), corners[-1], rtol=1e-15)
 
 
+@pytest.mark.exhaustive
 def test_the_volume_of_the_ring_is_its_area_and_that_of_a_delta_needs_no_angle():
     robot = ring(0.4, 1.0)
 
