@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxscissor._engine.pytree import pytree, static
 from jaxscissor.design._multipliers import Multipliers
 from jaxscissor.design._problem import concatenated, constraint_values
+from jaxscissor.design._run import Seconds
 from jaxscissor.design._summary import summary
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.workspace._worst_over import Worst
@@ -74,7 +75,7 @@ class DesignResult:
         keeps the constraints; ``INFEASIBLE`` if no design kept them; ``NONFINITE`` if no start had a finite objective
         with a finite gradient; ``IMPOSSIBLE`` if ``build`` refuses the best design.
       settled: whether it stopped before the last step because the objective no longer fell.
-      seconds: until the first step was done, compilation included, and of the others.
+      seconds: ``first``, until the first step was done, compilation included, and ``others``.
       entries: names of the constraints, and how many entries each has.
       message: what is to be known besides, such as a gradient that is zero or not finite; or nothing.
     """
@@ -89,7 +90,7 @@ class DesignResult:
     worst: tuple[Worst, ...]
     status: Status = static()
     settled: bool = static()
-    seconds: tuple[float, float] = static()
+    seconds: Seconds = static()
     entries: tuple[tuple[str, int], ...] = static()
     message: str = static(default="")
 

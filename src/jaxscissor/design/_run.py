@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -22,7 +23,7 @@ class Run(NamedTuple):
     log: tuple[np.ndarray, ...]
     settled: bool  # whether it ended because the objective no longer fell
     interrupted: bool  # whether the user ended it
-    seconds: tuple[float, float]  # until the first step was done, compilation included, and of the others
+    seconds: Seconds
 
 
 def run(
@@ -68,6 +69,25 @@ def run(
     return Run(state, _first(log, done), settled, interrupted, clock.seconds)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Seconds:
+    """Time of an optimization; equal to any other, so that two results are of one structure.
+
+    Attributes:
+      first: until the first step was done, compilation included.
+      others: of the other steps.
+    """
+
+    first: float
+    others: float
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Seconds)
+
+    def __hash__(self) -> int:
+        return hash(Seconds)
+
+
 class Clock:
     """Seconds until the end of the first step and of the other steps."""
 
@@ -79,9 +99,10 @@ class Clock:
         self._ends = [*self._ends[:1], time.perf_counter()]
 
     @property
-    def seconds(self) -> tuple[float, float]:
+    def seconds(self) -> Seconds:
+        """So far."""
         ends = self._ends or [self._start]
-        return ends[0] - self._start, ends[-1] - ends[0]
+        return Seconds(ends[0] - self._start, ends[-1] - ends[0])
 
 
 def _note(log: tuple[np.ndarray, ...], number: int, unit: float) -> str:

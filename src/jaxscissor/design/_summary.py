@@ -21,7 +21,7 @@ def summary(result: DesignResult) -> str:
 
 def _lines(result: DesignResult) -> Iterator[tuple[str, str]]:
     before, after = map(float, result.objective)
-    first, others = result.seconds
+    first, others = result.seconds.first, result.seconds.others
     steps = len(result.history.objective)
     yield result.status.name, result.status.message
     share = f" ({100 * (after - before) / abs(before):+.3g} %)" if before and np.isfinite([before, after]).all() else ""

@@ -13,6 +13,7 @@ import numpy as np
 from jaxscissor._engine.pytree import as_floats
 from jaxscissor._engine.types import PyTree
 from jaxscissor.design._result import DesignResult
+from jaxscissor.design._run import Seconds
 from jaxscissor.kinematics._solution import Status
 from jaxscissor.regions._regions import Region
 from jaxscissor.workspace._worst_over import Worst, searched
@@ -118,13 +119,14 @@ def _joined(results: Sequence[DesignResult], limits: Sequence[Throughout], worst
     if last.status == Status.NOT_IMPROVED and status == last.status:
         improved = float(last.objective[1]) < float(first.objective[0])
         status = Status.IMPROVED if improved or len(results) > 1 else status
+    total = sum(result.seconds.first + result.seconds.others for result in results)
     return dataclasses.replace(
         last,
         initial=first.initial,
         objective=(first.objective[0], last.objective[1]),
         history=jax.tree.map(lambda *parts: jnp.concatenate(parts), *(result.history for result in results)),
         status=status,
-        seconds=(first.seconds[0], sum(sum(result.seconds) for result in results) - first.seconds[0]),
+        seconds=Seconds(first.seconds.first, total - first.seconds.first),
         worst=worst,
         message=" ".join([*filter(None, [last.message]), *broken]),
     )
