@@ -18,8 +18,8 @@ def room(line, x):
 def fitted(room, **options):
     bounds = jnp.array([-3.0, -3.0, 0.0]), jnp.full(3, 3.0)
     limit = js.design.Throughout(room, INTERVAL, poses=8, tolerance=1e-7)
-    options = {"bounds": bounds, "steps": 30, "constraints": [limit]} | options
-    return js.design.optimize(lambda line: line[2], jnp.array([1.0, 1.0, 2.0]), **options)
+    options = {"params": jnp.array([1.0, 1.0, 2.0]), "bounds": bounds, "steps": 30, "constraints": [limit]} | options
+    return js.design.optimize(lambda line: line[2], **options)
 
 
 def test_the_best_line_touches_its_bound_at_three_points():
@@ -34,6 +34,13 @@ def test_the_best_line_touches_its_bound_at_three_points():
     assert abs(float(worst.value)) < 1e-7
     assert "room" in str(result) and "throughout" in str(result)
     assert len(result.history.objective) > 62  # several optimizations
+
+
+def test_a_design_that_is_best_and_keeps_its_limits_is_not_improved():
+    best = fitted(room).params + jnp.array([0.0, 0.0, 1e-8])
+    again = fitted(room, params=best, bounds=(best, best))
+    assert again.status is js.Status.NOT_IMPROVED
+    assert fitted(room, params=best.at[2].add(-0.1), bounds=(best.at[2].add(-0.1), best)).status is js.Status.IMPROVED
 
 
 def test_what_cannot_hold_throughout_is_told_with_the_pose():

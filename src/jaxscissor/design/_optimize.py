@@ -84,7 +84,8 @@ def optimize(
       tolerance: stop when over the last fifth of ``steps`` no start's best objective fell by more.
       checkpoint: path of an ``.npz`` file, replaced every ten steps. An optimization that was stopped goes on
         from there when called again, to the same result; a finished one is read, or continued if more steps are
-        asked for.
+        asked for, unless the learning rate depends on their number, as the default one of
+        ``AugmentedLagrangian`` does.
 
     Returns:
       ``design.DesignResult`` with the best design that any step found and that violates no constraint by more
@@ -105,7 +106,6 @@ def optimize(
     limits = [constraint for constraint in constraints if isinstance(constraint, Throughout)]
     if limits and checkpoint is not None:
         raise ValueError("Got a checkpoint and a Throughout, which takes several optimizations; leave one of them out.")
-
     problem = _Problem(
         objective,
         bounds,

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxscissor._engine.pytree import as_floats
 from jaxscissor._engine.types import PyTree
+from jaxscissor.design._problem import FEASIBLE
 from jaxscissor.design._result import DesignResult
 from jaxscissor.design._run import Seconds
 from jaxscissor.kinematics._solution import Status
@@ -92,7 +93,7 @@ def exchanged(
     for number in range(max(limit.rounds for limit in limits)):
         results.append(solve(params, tuple(map(jnp.asarray, poses))))
         params = results[-1].params
-        worst = tuple(searched(limit.least, results[-1].robot, limit.region, **_SEARCH) for limit in limits)
+        worst = _worst(results[-1].robot, limits)
         ended = results[-1].status is Status.INTERRUPTED or not results[-1].ok
         if ended or not any(map(_violated, limits, worst)):
             break
@@ -100,6 +101,16 @@ def exchanged(
             if _violated(limit, found):  # the first half stays where it is
                 kept[limit.poses // 2 + number % (limit.poses - limit.poses // 2)] = found.pose
     return _joined(results, limits, worst)
+
+
+def _worst(robot: Any, limits: Sequence[Throughout]) -> tuple[Worst, ...]:
+    return tuple(searched(limit.least, robot, limit.region, **_SEARCH) for limit in limits)
+
+
+def _kept(result: DesignResult, limits: Sequence[Throughout]) -> bool:
+    """Whether the design given keeps all constraints, those over regions everywhere."""
+    at_first = float(result.history.violation[0, 0]) <= FEASIBLE
+    return at_first and not any(map(_violated, limits, _worst(result.initial, limits)))
 
 
 def _violated(limit: Throughout, found: Worst) -> bool:
@@ -116,9 +127,9 @@ def _joined(results: Sequence[DesignResult], limits: Sequence[Throughout], worst
     first, last = results[0], results[-1]
     broken = [_said(found) for limit, found in zip(limits, worst, strict=True) if _violated(limit, found)]
     status = Status.INFEASIBLE if last.ok and broken else last.status
-    if last.status == Status.NOT_IMPROVED and status == last.status:
-        improved = float(last.objective[1]) < float(first.objective[0])
-        status = Status.IMPROVED if improved or len(results) > 1 else status
+    if status in (Status.IMPROVED, Status.NOT_IMPROVED):  # those of the last optimization compare with its own start
+        lower = float(last.objective[1]) < float(first.objective[0])
+        status = Status.IMPROVED if lower or not _kept(first, limits) else Status.NOT_IMPROVED
     total = sum(result.seconds.first + result.seconds.others for result in results)
     return dataclasses.replace(
         last,

@@ -23,7 +23,7 @@ from jaxscissor.kinematics._platform import (
     state_at,
 )
 from jaxscissor.kinematics._solution import Solution, Status
-from jaxscissor.kinematics._swinging import swinging
+from jaxscissor.kinematics._triangle_on_circles import triangle_on_circles
 from jaxscissor.robots._contract import (
     Mechanism,
     checked_freedoms,
@@ -110,13 +110,13 @@ def _assembled_lane(
     home_actuated = robot.actuated(start_joints)
     actuated = jnp.where(finite, actuated, home_actuated)
     start = state_at(robot, start_pose, start_joints)
-    swings = swinging(robot, actuated)
-    state, error, steps = assemble(robot, actuated, start, tol, max_steps, swings)
-    if swings is None:
+    triangle = triangle_on_circles(robot, actuated)
+    state, error, steps = assemble(robot, actuated, start, tol, max_steps, triangle)
+    if triangle is None:
         ends = jax.tree.map(lambda *leaves: jnp.stack(leaves), (actuated, state), (home_actuated, start))
         signs = lax.map(lambda end: assembly_sign(robot, *end), ends)  # one after the other through one program
     else:
-        signs = assembly_sign(robot, actuated, state, swings), assembly_sign(robot, home_actuated, start)
+        signs = assembly_sign(robot, actuated, state, triangle), assembly_sign(robot, home_actuated, start)
     same = signs[0] * signs[1] >= 0  # a guess on a singularity names no mode
     status = jnp.where(error <= tol, jnp.where(same, Status.CONVERGED, Status.OTHER_MODE), Status.MAX_STEPS)
     if is_redundant(robot):

@@ -16,7 +16,13 @@ from jaxscissor._engine.newton import implicit, newton, norm, normal_equations, 
 from jaxscissor._engine.numerics import Scalar
 from jaxscissor._engine.types import PyTree
 from jaxscissor._engine.vectors import Rotation, Vec
-from jaxscissor.kinematics._swinging import Swinging, differentiable_corners, swing_sign, swinging, swung
+from jaxscissor.kinematics._triangle_on_circles import (
+    TriangleOnCircles,
+    assembly_sign_by_angles,
+    differentiable_corners,
+    solved_corners,
+    triangle_on_circles,
+)
 from jaxscissor.robots._contract import (
     Joints,
     Mechanism,
@@ -49,17 +55,22 @@ def all_joints(robot: Mechanism, actuated: jax.Array, state: State) -> jax.Array
 
 
 def assemble(
-    robot: Mechanism, actuated: jax.Array, start: State, tol: Scalar, max_steps: Scalar, swings: Swinging | None = None
+    robot: Mechanism,
+    actuated: jax.Array,
+    start: State,
+    tol: Scalar,
+    max_steps: Scalar,
+    triangle: TriangleOnCircles | None = None,
 ) -> tuple[State, Scalar, Scalar]:
     """Newton's method from a state, stepping on the rotation group: state, residual and number of steps.
 
     Of corners that swing on circles it is Newton's method on their angles.
     """
     robot, actuated, start, tol, max_steps = lax.stop_gradient((robot, actuated, start, tol, max_steps))
-    swings = swings or swinging(robot, actuated)
-    if swings is not None:
-        points, count = swung(swings, _corners(robot, start), tol, max_steps)
-        position, rotation = fence(_platform(swings.corners, points, robot))
+    triangle = triangle or triangle_on_circles(robot, actuated)
+    if triangle is not None:
+        points, count = solved_corners(triangle, _corners(robot, start), tol, max_steps)
+        position, rotation = fence(_placed(triangle.corners, points, robot))
         state = State(position, rotation, ())
         return state, norm(_state_residual(state, (robot, robot.legs(), actuated))), count
     args = (robot, robot.legs(), actuated)
@@ -70,10 +81,10 @@ def assemble(
 
 def differentiable_pose(robot: Mechanism, actuated: jax.Array, state: State, ok: Scalar) -> tuple[jax.Array, Joints]:
     """Pose coordinates and passive joints of a solution, with the implicit function's derivative where ok."""
-    swings = swinging(robot, actuated)
-    if swings is not None:
-        points = differentiable_corners(fence(swings), _corners(robot, state), ok)
-        pose = jnp.stack(robot.space.coordinates(*_platform(swings.corners, points, robot)))
+    triangle = triangle_on_circles(robot, actuated)
+    if triangle is not None:
+        points = differentiable_corners(fence(triangle), _corners(robot, state), ok)
+        pose = jnp.stack(robot.space.coordinates(*_placed(triangle.corners, points, robot)))
         return jnp.where(ok, pose, lax.stop_gradient(pose)), ()
     coordinates = (*robot.space.coordinates(state.position, state.rotation), *state.passive)
     root = implicit(_pose_residual, coordinates, ok, (robot, robot.legs(), actuated))
@@ -86,7 +97,7 @@ def _corners(robot: Mechanism, state: State) -> list[Vec]:
     return [corner * (1 / robot.length) for corner in robot.attachments(state.position, state.rotation)]
 
 
-def _platform(corners: Sequence[Vec], points: Sequence[Vec], robot: Mechanism) -> tuple[Vec, Rotation]:
+def _placed(corners: Sequence[Vec], points: Sequence[Vec], robot: Mechanism) -> tuple[Vec, Rotation]:
     """The place of the platform with its corners at points, both in lengths of the robot."""
     position, rotation = fit_triangle(corners, points)
     return position * robot.length, rotation
@@ -99,15 +110,17 @@ def legs_close(robot: Mechanism, joints: jax.Array) -> Scalar:
 
 
 @jax.jit
-def assembly_sign(robot: Mechanism, actuated: jax.Array, state: State, swings: Swinging | None = None) -> Scalar:
+def assembly_sign(
+    robot: Mechanism, actuated: jax.Array, state: State, triangle: TriangleOnCircles | None = None
+) -> Scalar:
     """Sign of det d residual / d (twist, passive joints), which names the assembly mode; zero on a singularity.
 
     Of a robot with more actuated joints than freedoms that of det J^T J: such joints name no modes.
     """
     robot, actuated, state = lax.stop_gradient((robot, actuated, state))
-    swings = swings or swinging(robot, actuated)
-    if swings is not None:
-        return swing_sign(swings, _corners(robot, state))
+    triangle = triangle or triangle_on_circles(robot, actuated)
+    if triangle is not None:
+        return assembly_sign_by_angles(triangle, _corners(robot, state))
     rows, values = _system(robot, actuated, state)
     return determinant_sign(normal_equations(rows, values)[0])
 

@@ -1,6 +1,7 @@
 """Robots, one file or folder per family, the elements they are made of, and the contract that they fulfil."""
 
 from jaxscissor.robots._bodies import BASE, PLATFORM, Connection, Freedom
+from jaxscissor.robots._circle import Circle
 from jaxscissor.robots._contract import Leg, LegKind, Mechanism
 from jaxscissor.robots._kinds import LegOfAnyKind
 from jaxscissor.robots._mounted import Mounted, MountedLeg, mounted
@@ -62,6 +63,7 @@ __all__ = [
     "Arc",
     "BodyPlan",
     "Chain",
+    "Circle",
     "ClosurePlan",
     "Connection",
     "CrankAndRod",

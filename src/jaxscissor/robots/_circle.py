@@ -11,7 +11,18 @@ from jaxscissor._engine.vectors import Vec
 
 
 class Circle(NamedTuple):
-    """Points ``center + first cos(angle) + second sin(angle)``; the two are orthogonal and of equal length."""
+    """Points ``center + first cos(angle) + second sin(angle)`` in the base frame, in the robot's unit of length.
+
+    Attributes:
+      center: its middle.
+      first, second: orthogonal vectors as long as its radius.
+
+    Example:
+      >>> import jaxscissor as js
+      >>> circle = Circle(js.Vec(0.0, 0.0, 1.0), js.Vec(2.0, 0.0, 0.0), js.Vec(0.0, 2.0, 0.0))
+      >>> circle.at(0.0).array().tolist()
+      [2.0, 0.0, 1.0]
+    """
 
     center: Vec
     first: Vec

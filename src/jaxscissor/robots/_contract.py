@@ -109,10 +109,11 @@ class Leg:
         return jnp.sign(determinant(rows)).astype(jnp.int32)
 
     def circle(self, joints: Joints) -> Circle | None:
-        """Where the point that the leg sees can be while its joints, all of them actuated, stand still.
+        """The ``robots.Circle`` of the point that the leg sees while its joints, all of them actuated, stand still.
 
-        Of three legs of a free platform that know it, forward kinematics solves for three angles instead of a pose.
-        Its tangent must not change sides: t . (grad r1 x grad r2) of the residual keeps its sign. Default: unknown.
+        The attachment must be that point itself, in the base frame. Of three such legs of a free platform, forward
+        kinematics solves for three angles instead of a pose. The circle's tangent t must not change sides:
+        t . (grad r1 x grad r2), by the point, of the residual r keeps its sign. Default: unknown.
         """
         return None
 

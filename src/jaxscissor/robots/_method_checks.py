@@ -13,6 +13,7 @@ import numpy as np
 from jaxscissor._engine.pytree import float_dtype
 from jaxscissor._engine.types import PyTree
 from jaxscissor.robots._bodies import Connection
+from jaxscissor.robots._circle import Circle
 
 Check = Callable[..., Any]  # (self, what the method gave, *its arguments) -> what the library is given
 
@@ -181,6 +182,15 @@ def checked_solutions(self: Any, solutions: Any, attachment: PyTree) -> Any:
     return cast(tuple(solutions), _dtype(attachment))
 
 
+def checked_circle(self: Any, circle: Any, joints: tuple[Any, ...]) -> Any:
+    """A circle, if the leg knows one."""
+    if circle is None:
+        return None
+    if not isinstance(circle, Circle) or not all(len(part.components) == 3 for part in circle):
+        raise refuse(self, "circle(joints)", circle, "a robots.Circle of three vectors in space, or None")
+    return cast(circle, jnp.result_type(joints[0]))
+
+
 def checked_connections(self: Any, connections: Any, joints: tuple[Any, ...], attachment: PyTree) -> Any:
     """A list of connections."""
     if not isinstance(connections, (tuple, list)) or not all(isinstance(one, Connection) for one in connections):
@@ -205,6 +215,7 @@ LEG: Mapping[str, Check] = {
     "start": checked_start,
     "margins": checked_margins,
     "constraints": checked_leg_constraints,
+    "circle": checked_circle,
     "solutions": checked_solutions,
     "connections": checked_connections,
 }

@@ -103,7 +103,8 @@ def distance(
 
     Returns:
       ``singularities.SingularityDistance``. Of it only ``distance`` has derivatives, by the robot, the pose and
-      ``angle_length``: those of the least distance with its direction held fixed, which are its own (envelope theorem).
+      ``angle_length``: those of the least distance with its direction held fixed, which are its own (envelope theorem);
+      zero where there is no singularity.
 
     Raises:
       ValueError: wrong shapes, a robot with constraints that names no ``dependent`` coordinates, or one with more or

@@ -26,38 +26,38 @@ from jaxscissor.robots._spaces import SE3
 _PAIRS = (0, 1), (1, 2), (2, 0)
 _FINER = 1 / 16  # share of a tolerance for closure equations to which distances are solved: a small platform turns more
 
-Turn = tuple[Scalar, Scalar]  # cosine and sine of an angle
+Angle = tuple[Scalar, Scalar]  # cosine and sine of an angle
 
 
-class Swinging(NamedTuple):
+class TriangleOnCircles(NamedTuple):
     """Three circles in the base frame, and the corners of the platform in its own; lengths in those of the robot."""
 
     circles: tuple[Circle, ...]
     corners: tuple[Vec, ...]
 
-    def points(self, turns: tuple[Turn, ...]) -> list[Vec]:
+    def points(self, angles: tuple[Angle, ...]) -> list[Vec]:
         """The points of the circles at some angles."""
-        return [circle.toward(*turn) for circle, turn in zip(self.circles, turns, strict=True)]
+        return [circle.toward(*angle) for circle, angle in zip(self.circles, angles, strict=True)]
 
-    def gaps(self, points: list[Vec]) -> tuple[Scalar, ...]:
+    def residual(self, points: list[Vec]) -> tuple[Scalar, ...]:
         """What the squared sides of a triangle differ from those of the platform."""
         return tuple(p.dot(p) - a.dot(a) for p, a in zip(_sides(points), _sides(self.corners), strict=True))
 
-    def linearized(self, turns: tuple[Turn, ...]) -> tuple[tuple[Scalar, ...], list[tuple[Scalar, ...]]]:
-        """The gaps, and the rows of their derivatives by the angles."""
-        tangents = [c.second * turn[0] - c.first * turn[1] for c, turn in zip(self.circles, turns, strict=True)]
-        points = self.points(turns)
+    def residual_and_jacobian(self, angles: tuple[Angle, ...]) -> tuple[tuple[Scalar, ...], list[tuple[Scalar, ...]]]:
+        """The residual, and its rows of derivatives by the angles."""
+        tangents = [c.second * angle[0] - c.first * angle[1] for c, angle in zip(self.circles, angles, strict=True)]
+        points = self.points(angles)
         sides = zip(_sides(points), _PAIRS, strict=True)
         (a, b), (c, d), (e, f) = ((2 * side.dot(tangents[i]), -2 * side.dot(tangents[j])) for side, (i, j) in sides)
         zero = jnp.zeros_like(a)
-        return self.gaps(points), [(a, b, zero), (zero, c, d), (f, zero, e)]
+        return self.residual(points), [(a, b, zero), (zero, c, d), (f, zero, e)]
 
 
 def _sides(points: Sequence[Vec]) -> list[Vec]:
     return [points[i] - points[j] for i, j in _PAIRS]
 
 
-def swinging(robot: Mechanism, actuated: jax.Array) -> Swinging | None:
+def triangle_on_circles(robot: Mechanism, actuated: jax.Array) -> TriangleOnCircles | None:
     """The circles of a free platform in space on three legs that know theirs; ``None`` of any other robot."""
     if robot.space != SE3 or not all(actuated_mask(robot)) or len(actuation(robot)) != 3:
         return None
@@ -72,40 +72,47 @@ def swinging(robot: Mechanism, actuated: jax.Array) -> Swinging | None:
     scale = 1 / robot.length
     circles = over_legs(lambda leg, own: Circle(*(part * scale for part in leg.circle(own))), legs, joints)
     circles = tuple(jax.tree.map(lambda leaf, i=i: leaf[i], circles) for i in range(3))
-    return Swinging(circles, tuple(corner * scale for corner in robot.attachments(origin, Rotation(*axes))))
+    return TriangleOnCircles(circles, tuple(corner * scale for corner in robot.attachments(origin, Rotation(*axes))))
 
 
-def swung(swings: Swinging, points: list[Vec], tol: Scalar, max_steps: Scalar) -> tuple[list[Vec], Scalar]:
+def solved_corners(
+    triangle: TriangleOnCircles, points: list[Vec], tol: Scalar, max_steps: Scalar
+) -> tuple[list[Vec], Scalar]:
     """Corners at the platform's distances near some points on the circles, and the number of steps.
 
-    Newton's method on the three angles, its steps halved while they do not bring the distances closer, and doubled up
-    to whole ones where they do. Lengths are in those of the robot.
+    Newton's method on the three angles; lengths are in those of the robot.
+
+    1. Begin at the angles of the points of the circles that are nearest to the given ones.
+    2. The residual r, whose entries are differences of squared distances, and its Jacobian J, two numbers in a row; the
+       step is -J^-1 r.
+    3. Try the angles moved by a share of it, at first by all. If the residual is smaller there, go, and double the
+       share up to one; if not, stay, and halve it.
     """
-    swings = fence(swings)
+    triangle = fence(triangle)
 
     def unfinished(carry: PyTree):
         _, error, _, count = carry
         return (error > _FINER * tol) & (count < max_steps)
 
     def step(carry: PyTree):
-        turns, error, share, count = carry
-        values, rows = swings.linearized(turns)
+        angles, error, share, count = carry
+        values, rows = triangle.residual_and_jacobian(angles)
         ahead = fence(solve(rows, values))  # every number of the state would solve anew
-        trial = fence(_turned(turns, tuple(-share * d for d in ahead)))
-        trial_error = fence(norm(swings.gaps(swings.points(trial))))
+        trial = fence(_moved(angles, tuple(-share * d for d in ahead)))
+        trial_error = fence(norm(triangle.residual(triangle.points(trial))))
         better = trial_error < error
-        turns = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, turns)
+        angles = jax.tree.map(lambda new, old: jnp.where(better, new, old), trial, angles)
         share = jnp.where(better, jnp.minimum(2 * share, 1), share / 2)
-        return turns, jnp.where(better, trial_error, error), share, count + 1
+        return angles, jnp.where(better, trial_error, error), share, count + 1
 
-    start = fence(_turns(swings, points))
-    error = norm(swings.gaps(swings.points(start)))
+    start = fence(_nearest_angles(triangle, points))
+    error = norm(triangle.residual(triangle.points(start)))
     carry = (start, error, jnp.ones_like(error), jnp.zeros_like(error, dtype=jnp.int32))
-    turns, _, _, steps = lax.while_loop(unfinished, step, carry)
-    return swings.points(turns), steps
+    angles, _, _, steps = lax.while_loop(unfinished, step, carry)
+    return triangle.points(angles), steps
 
 
-def swing_sign(swings: Swinging, points: list[Vec]) -> Scalar:
+def assembly_sign_by_angles(triangle: TriangleOnCircles, points: list[Vec]) -> Scalar:
     """Sign of the determinant of the three distances by the three angles, zero where it is singular to rounding.
 
     Between it and the determinant of all closure equations by the twist there are only factors that do not vanish while
@@ -113,32 +120,34 @@ def swing_sign(swings: Swinging, points: list[Vec]) -> Scalar:
     by the twist, D the distances by the corners and C the circles' tangents, so that G C and D T are zero. With right
     inverses E of G and H of D, [T C] is [E C] [[G T, 0], [., 1]] and [T H] [[1, .], [0, D C]].
     """
-    return determinant_sign(fence(swings.linearized(fence(_turns(swings, points)))[1]))
+    return determinant_sign(fence(triangle.residual_and_jacobian(fence(_nearest_angles(triangle, points)))[1]))
 
 
-def differentiable_corners(swings: Swinging, points: list[Vec], ok: Scalar) -> list[Vec]:
+def differentiable_corners(triangle: TriangleOnCircles, points: list[Vec], ok: Scalar) -> list[Vec]:
     """The corners at a solution, with the implicit function's derivative where ok."""
-    turns = lax.stop_gradient(fence(_turns(swings, points)))
-    zero = (jnp.zeros_like(turns[0][0]),) * 3
-    return swings.points(_turned(turns, implicit(_gaps_by_steps, zero, ok, (swings, turns))))
+    angles = lax.stop_gradient(fence(_nearest_angles(triangle, points)))
+    zero = (jnp.zeros_like(angles[0][0]),) * 3
+    return triangle.points(_moved(angles, implicit(_residual_by_steps, zero, ok, (triangle, angles))))
 
 
-def _turns(swings: Swinging, points: list[Vec]) -> tuple[Turn, ...]:
-    return tuple(circle.nearest(point) for circle, point in zip(swings.circles, points, strict=True))
+def _nearest_angles(triangle: TriangleOnCircles, points: list[Vec]) -> tuple[Angle, ...]:
+    return tuple(circle.nearest(point) for circle, point in zip(triangle.circles, points, strict=True))
 
 
-def _gaps_by_steps(steps: tuple[Scalar, ...], args: tuple[Swinging, tuple[Turn, ...]]) -> tuple[Scalar, ...]:
-    swings, turns = args
-    return swings.gaps(swings.points(_turned(turns, steps)))
+def _residual_by_steps(
+    steps: tuple[Scalar, ...], args: tuple[TriangleOnCircles, tuple[Angle, ...]]
+) -> tuple[Scalar, ...]:
+    triangle, angles = args
+    return triangle.residual(triangle.points(_moved(angles, steps)))
 
 
-def _turned(turns: tuple[Turn, ...], steps: tuple[Scalar, ...]) -> tuple[Turn, ...]:
+def _moved(angles: tuple[Angle, ...], steps: tuple[Scalar, ...]) -> tuple[Angle, ...]:
     """Further by the angle whose half has the tangent step / 2: the step to second order, without trigonometry."""
 
-    def one(turn: Turn, step: Scalar) -> Turn:
+    def one(angle: Angle, step: Scalar) -> Angle:
         t = step / 2
         scale = 1 / (1 + t * t)
         c, s = (1 - t * t) * scale, 2 * t * scale
-        return turn[0] * c - turn[1] * s, turn[1] * c + turn[0] * s
+        return angle[0] * c - angle[1] * s, angle[1] * c + angle[0] * s
 
-    return tuple(one(turn, step) for turn, step in zip(turns, steps, strict=True))
+    return tuple(one(angle, step) for angle, step in zip(angles, steps, strict=True))
